@@ -73,13 +73,13 @@ class DecisionRule:
     def interrupt(self) -> None:
         """Restart runs and sums after a gap in the samples; a registered event continues."""
         self._runs = [0] * self._deciding
-        self._sums = np.zeros(self._deciding)
+        self._sums = [0.0] * self._deciding
         self._quiet = 0
 
-    def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take (fingers,) probabilities; return the fingers (fingers,) that register slip now."""
-        p = mean_probability(probabilities[None])[0] if self._mean else probabilities
-        above: list[bool] = (p > self.threshold).tolist()
+    def update(self, probabilities: list[float]) -> list[bool]:
+        """Take a probability of each finger; return whether each finger registers slip now."""
+        p = [_mean_probability(probabilities)] if self._mean else probabilities
+        above = [each > self.threshold for each in p]
         self._quiet = 0 if any(above) else self._quiet + 1
         registering = self._sum(p) if self.settings.kind == "cusum" else self._count(above)
         if any(registering):
@@ -87,28 +87,49 @@ class DecisionRule:
         elif self._quiet >= self.settings.release:
             self.registered = False
         if not self._mean:
-            return np.array(registering)
-        fingers = np.zeros(len(probabilities), np.bool_)
-        fingers[np.nan_to_num(probabilities, nan=-1.0).argmax()] = registering[0]
+            return registering
+        fingers = [False] * len(probabilities)
+        fingers[highest(probabilities)] = registering[0]
         return fingers
 
     def _count(self, above: list[bool]) -> list[bool]:
         self._runs = [run + 1 if high else 0 for run, high in zip(self._runs, above, strict=True)]
         return [run >= self.settings.consecutive for run in self._runs]
 
-    def _sum(self, p: NDArray[np.float64]) -> list[bool]:
-        self._sums = np.maximum(self._sums + (log_odds(p) - self.settings.drift), 0.0)
-        if self._quiet >= self.settings.release:
-            self._sums[:] = 0.0
-        registering: list[bool] = (self._sums > self.settings.limit).tolist()
-        return registering
+    def _sum(self, p: list[float]) -> list[bool]:
+        drift, again = self.settings.drift, self._quiet >= self.settings.release
+        self._sums = [
+            0.0 if again else max(total + (_log_odds(each) - drift), 0.0)
+            for total, each in zip(self._sums, p, strict=True)
+        ]
+        return [total > self.settings.limit for total in self._sums]
+
+
+def highest(values: list[float]) -> int:
+    """Index of the highest value, the first of equal ones; NaN is the lowest."""
+    known = [-math.inf if math.isnan(each) else each for each in values]
+    return known.index(max(known))
+
+
+# of one sample: numpy takes fifty times as long for a handful of numbers
+def _log_odds(probability: float) -> float:
+    """`log_odds` of one number."""
+    if math.isnan(probability):
+        return 0.0
+    p = min(max(probability, MIN_PROBABILITY), 1.0 - MIN_PROBABILITY)
+    return math.log(p / (1.0 - p))
+
+
+def _mean_probability(probabilities: list[float]) -> float:
+    """`mean_probability` of one sample."""
+    odds = sum(map(_log_odds, probabilities)) / len(probabilities)
+    return 1.0 / (1.0 + math.exp(-odds))
 
 
 def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log-odds, limited to +-MAX_LOG_ODDS; 0 for NaN."""
-    # np.clip takes three times as long for a handful of numbers
     known = np.where(np.isnan(probabilities), 0.5, probabilities)
-    p = np.minimum(np.maximum(known, MIN_PROBABILITY), 1.0 - MIN_PROBABILITY)
+    p = np.clip(known, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     odds: NDArray[np.float64] = np.log(p / (1.0 - p))
     return odds
 

@@ -1,10 +1,7 @@
-"""Networks at run time: ONNX Runtime, one thread, all fingertips in one call, no allocation.
+"""Networks at run time: compiled, or in ONNX Runtime, all fingertips in one call."""
 
-A streaming network has two sets of state arrays that alternate as input and output. They are bound
-once by address, so an update copies 18 numbers in and 3 out.
-"""
-
-from typing import Annotated, Any
+from contextlib import suppress
+from typing import Annotated, Any, Protocol
 
 import msgspec
 import numpy as np
@@ -26,6 +23,8 @@ from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
 
 Float32s = NDArray[np.float32]
+# comparison of a compiled network with ONNX Runtime: frames, their counts, and probability
+COMPARED, COUNTS_RANGE, MOST_DIFFERENCE = 30, (-300, 100), 1e-5
 
 
 class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,6 +33,71 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     weights: Annotated[
         str, Meta(description="FILE.onnx or a packaged network; empty: the detector's own")
     ] = ""
+
+
+class Engine(Protocol):
+    """Computes ``probability`` from ``inputs``; then the next state and the previous counts are in
+    ``inputs``."""
+
+    inputs: dict[str, Float32s]
+    probability: Float32s
+
+    def run(self) -> None: ...
+
+
+class RuntimeNetwork:
+    """A network in ONNX Runtime: one thread, all fingertips in one call, no allocation."""
+
+    def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
+        shapes = {name: (fingers, *shape) for name, shape in loaded.inputs.items()}
+        self.inputs = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+        self.probability = np.zeros(fingers, np.float32)
+        self._session, self._binding = loaded.session, loaded.session.io_binding()
+        nexts = {name: np.zeros(shapes[name], np.float32) for name in loaded.states}
+        self._kept = [(self.inputs[name], array) for name, array in nexts.items()]
+        if "previous" in shapes:
+            self._kept.append((self.inputs["previous"], self.inputs["counts"]))
+        for name, array in self.inputs.items():
+            self._binding.bind_input(name, *_memory_of(array))
+        outputs = {f"next_{name}": array for name, array in nexts.items()}
+        for name, array in (outputs | {"probability": self.probability}).items():
+            self._binding.bind_output(name, *_memory_of(array))
+
+    def run(self) -> None:
+        self._session.run_with_iobinding(self._binding)
+        for array, after in self._kept:
+            array[:] = after
+
+
+def _memory_of(array: Float32s) -> tuple[Any, ...]:
+    return "cpu", 0, np.float32, array.shape, array.ctypes.data
+
+
+def engine_of(loaded: LoadedNetwork, fingers: int) -> Engine:
+    """The compiled network, or ONNX Runtime if it cannot be compiled: no folder for the compiler's
+    cache, or an operator that no packaged network has. A file that is not packaged is also compared
+    with ONNX Runtime."""
+    with suppress(Exception):
+        # compiled at import
+        from detector.compiled import CompiledNetwork  # noqa: PLC0415
+
+        compiled = CompiledNetwork(loaded.content, loaded.inputs, fingers)
+        if loaded.packaged or _equal(compiled, RuntimeNetwork(loaded, fingers)):
+            return compiled
+    return RuntimeNetwork(loaded, fingers)
+
+
+def _equal(one: Engine, other: Engine) -> bool:
+    """Whether two networks have the same outputs on random counts."""
+    rng = np.random.default_rng(0)
+    for _ in range(COMPARED):
+        counts = rng.integers(*COUNTS_RANGE, one.inputs["counts"].shape)
+        for each in (one, other):
+            each.inputs["counts"][:] = counts
+            each.run()
+        if not (abs(one.probability - other.probability) <= MOST_DIFFERENCE).all():
+            return False
+    return True
 
 
 class StreamingNetwork:
@@ -50,56 +114,34 @@ class StreamingNetwork:
         self.name, self.threshold = card.name, card.threshold
         self.memory = card.window + 1 if card.window else 0
         self._outputs = outputs
-        self._shape = (fingers, loaded.taxels)
-        self._session = loaded.session
-        self._takes_previous = loaded.previous
-        # two frames and two sets of states: each call reads what the one before wrote
-        self._frames = [np.zeros(self._shape, np.float32) for _ in range(2)]
-        self._states = [
-            {name: np.zeros((fingers, *shape), np.float32) for name, shape in loaded.states.items()}
-            for _ in range(2)
-        ]
-        self._probability = np.zeros(fingers, np.float32)
-        self._bindings = [self._bind(0), self._bind(1)]
+        self.engine = engine_of(loaded, fingers)
+        inputs = self.engine.inputs
+        self._counts = inputs["counts"]
+        self._previous = inputs.get("previous", self._counts)
+        self._states = {name: inputs[name] for name in loaded.states}
         self.reset()
 
-    def _bind(self, turn: int) -> Any:
-        """Binding that reads the frame and states of this turn and writes those of the other."""
-        binding = self._session.io_binding()
-        _bind_input(binding, "counts", self._frames[turn])
-        if self._takes_previous:
-            _bind_input(binding, "previous", self._frames[1 - turn])
-        for name, state in self._states[turn].items():
-            _bind_input(binding, name, state)
-        for name, state in self._states[1 - turn].items():
-            _bind_output(binding, f"next_{name}", state)
-        _bind_output(binding, "probability", self._probability)
-        return binding
-
     def reset(self) -> None:
-        self._turn = 0
         self._started = False
-        for state in self._states[0].values():
+        for state in self._states.values():
             state.fill(0.0)
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); return (fingers,) probabilities."""
-        if counts.shape != self._shape:
-            raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
-        turn = self._turn
-        self._frames[turn][:] = counts
+        if counts.shape != self._counts.shape:
+            raise ValueError(f"frame has shape {counts.shape}, not {self._counts.shape}")
+        self._counts[:] = counts
         if not self._started:
-            self._frames[1 - turn][:] = counts
+            self._previous[:] = counts
             self._started = True
-        self._session.run_with_iobinding(self._bindings[turn])
-        self._turn = 1 - turn
-        return self._probability.astype(np.float64)
+        self.engine.run()
+        return self.engine.probability.astype(np.float64)
 
     def motion(self) -> Motion | None:
         """Estimated motion at the latest frame; None without a frame or auxiliary outputs."""
         if self._outputs is None or not self._started:
             return None
-        return self._outputs.motion(self._states[self._turn], self._frames[1 - self._turn])
+        return self._outputs.motion(self._states, self._counts)
 
 
 class WindowedNetwork:
@@ -111,30 +153,15 @@ class WindowedNetwork:
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
         self.card = card = loaded.card
         self.name, self.threshold, self.memory = card.name, card.threshold, card.window
-        self._session = loaded.session
-        self._window = SampleWindow(fingers, card.window, loaded.taxels, np.float32)
-        self._probability = np.zeros(fingers, np.float32)
-        self._binding = self._session.io_binding()
-        _bind_input(self._binding, "counts", self._window.samples)
-        _bind_output(self._binding, "probability", self._probability)
-        self.reset()
-
-    def reset(self) -> None:
-        self._window.reset()
+        self.engine = engine_of(loaded, fingers)
+        self._window = SampleWindow(self.engine.inputs["counts"])
+        self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
-        self._session.run_with_iobinding(self._binding)
-        return self._probability.astype(np.float64)
-
-
-def _bind_input(binding: Any, name: str, array: Float32s) -> None:
-    binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-
-
-def _bind_output(binding: Any, name: str, array: Float32s) -> None:
-    binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        self.engine.run()
+        return self.engine.probability.astype(np.float64)
 
 
 def run_network(

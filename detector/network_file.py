@@ -1,16 +1,18 @@
 """Network files: ONNX, with a card in the metadata that describes the network and its training.
 
-Nothing is unpickled. ONNX Runtime executes the graph after card and shapes were checked.
+Nothing is unpickled. Card and shapes are checked before a graph is executed.
 """
 
 import hashlib
 import os
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
+from detector.onnx_file import read_inputs, read_metadata
 from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
 
@@ -64,13 +66,23 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     sha256: str = ""  # of the file with NO_CHECKSUM in this field
 
 
-class LoadedNetwork(msgspec.Struct, frozen=True):
-    """A checked network file: its card and an ONNX Runtime session."""
+class LoadedNetwork(msgspec.Struct, frozen=True, dict=True):
+    """A checked network file."""
 
     card: NetworkCard
-    session: Any
-    states: dict[str, Shape]  # state shapes of one finger, by input name
-    previous: bool  # True: the previous frame is an input too
+    content: bytes
+    inputs: dict[str, Shape]  # shapes of one finger, by name
+    packaged: bool
+
+    @property
+    def states(self) -> dict[str, Shape]:
+        """State shapes of one finger, by input name."""
+        return {name: shape for name, shape in self.inputs.items() if name.startswith("state")}
+
+    @cached_property
+    def session(self) -> Any:
+        """The file in ONNX Runtime."""
+        return _session(self.content)
 
     @property
     def taxels(self) -> int:
@@ -116,19 +128,21 @@ def weights_digest(path: Path) -> str:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load a weights file, check it and run it once (docs/extending.md). Raises BadFile."""
+    """Load a weights file and check it (docs/extending.md). A file that is not packaged is run once
+    in ONNX Runtime. Raises BadFile."""
     content = _content(path)
-    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED_SHA256[path.stem]:
+    packaged = is_packaged(path)
+    if packaged and hashlib.sha256(content).hexdigest() != PACKAGED_SHA256[path.stem]:
         raise BadFile(path, "damaged: it differs from the packaged file", REINSTALL)
     if EXTERNAL_DATA_KEY in content:
         raise _bad(path, "takes data from other files, which is not allowed")
     try:
-        loaded = _loaded(path, _session(content))
+        loaded = _loaded(path, content, packaged)
         stored = loaded.card.sha256
         has_sum = stored or loaded.card.format >= FORMAT
         if has_sum and (not stored or _checksum(content, stored) != stored):
             raise _bad(path, "damaged: its checksum does not match")
-        for fingers in (1, FINGERS):
+        for fingers in () if packaged else (1, FINGERS):
             _test_run(path, loaded, fingers)
     except BadFile:
         raise
@@ -180,33 +194,30 @@ def _session(content: bytes) -> Any:
     )
 
 
-def _loaded(path: Path, session: Any) -> LoadedNetwork:
+def _loaded(path: Path, content: bytes, packaged: bool) -> LoadedNetwork:
     inputs: dict[str, Shape] = {}
-    for each in session.get_inputs():
-        fingers, *shape = each.shape or [1]
-        fixed = all(isinstance(n, int) and n > 0 for n in shape)
-        if each.type != "tensor(float)" or isinstance(fingers, int) or not fixed:
+    for name, each in read_inputs(content).items():
+        fingers, *lengths = each.shape or (1,)
+        fixed = tuple(n for n in lengths if isinstance(n, int) and n > 0)
+        if not each.is_float or isinstance(fingers, int) or len(fixed) < len(lengths):
             expected = "float (fingers, ...) with all axes but the first fixed"
-            raise _bad(path, f"input {each.name!r} is {each.type} {each.shape}, not {expected}")
-        inputs[each.name] = tuple(shape)
-    card = _card(path, session, inputs.get("counts", ()))
+            kind = "float" if each.is_float else "of another type,"
+            raise _bad(path, f"input {name!r} is {kind} {each.shape}, not {expected}")
+        inputs[name] = fixed
+    card = _card(path, read_metadata(content).get(CARD_KEY), inputs.get("counts", ()))
     frame: Shape = (len(card.mean_counts),)
     by_card = {"counts": frame if card.mode == "stream" else (card.window, *frame)}
-    states = {}
+    loaded = LoadedNetwork(card, content, inputs, packaged)
     if card.mode == "stream":
-        states = {name: shape for name, shape in inputs.items() if name.startswith("state")}
-        by_card |= states | ({"previous": frame} if "previous" in inputs else {})
+        by_card |= loaded.states | ({"previous": frame} if "previous" in inputs else {})
     if inputs != by_card:
         raise _bad(path, f"inputs are {inputs}, not {by_card} as in its card")
-    return LoadedNetwork(card, session, states, "previous" in inputs)
+    return loaded
 
 
 def _test_run(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
     """Run the graph on zeros. Raises BadFile for outputs that are not probabilities and states."""
-    feeds = {
-        each.name: np.zeros((fingers, *each.shape[1:]), np.float32)
-        for each in loaded.session.get_inputs()
-    }
+    feeds = {name: np.zeros((fingers, *shape), np.float32) for name, shape in loaded.inputs.items()}
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
     p, *states = loaded.session.run(names, feeds)
     if p.shape != (fingers,) or p.dtype != np.float32 or not ((p >= 0.0) & (p <= 1.0)).all():
@@ -216,10 +227,9 @@ def _test_run(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
             raise _bad(path, f"next_{name} is not finite, or has another shape than {name}")
 
 
-def _card(path: Path, session: Any, counts: Shape) -> NetworkCard:
-    """The card in the file. Without one, the shape of ``counts`` determines the mode: (taxels,) is
-    a stream, (samples, taxels) a window."""
-    text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
+def _card(path: Path, text: str | None, counts: Shape) -> NetworkCard:
+    """The card in the file's metadata. Without one, the shape of ``counts`` determines the mode:
+    (taxels,) is a stream, (samples, taxels) a window."""
     if text is None:
         if len(counts) not in (1, 2):
             raise _bad(path, "no card, and no input `counts` with a frame or a window")

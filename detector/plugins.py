@@ -14,16 +14,18 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import BadFile, describe_exception, one_line
+
+if TYPE_CHECKING:  # slow to import, and rarely needed
+    from importlib.metadata import EntryPoint
 
 GROUP = "grasp.detectors"  # of entry points
 FILE_SEPARATOR = ".py:"  # between the file and the name of the class in it
@@ -90,8 +92,10 @@ def is_plugin_file(word: str) -> bool:
 
 
 @cache
-def installed_plugins() -> dict[str, EntryPoint]:
+def installed_plugins() -> dict[str, "EntryPoint"]:
     """Entry points of installed packages, by name."""
+    from importlib.metadata import entry_points
+
     return {each.name: each for each in entry_points(group=GROUP)}
 
 

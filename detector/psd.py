@@ -40,11 +40,12 @@ class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class SampleWindow:
-    """Sliding window (fingers, length, taxels); until it is full, the first sample is repeated."""
+    """Sliding window in an array (fingers, length, taxels); until it is full, the first sample is
+    repeated."""
 
-    def __init__(self, fingers: int, length: int, taxels: int, dtype: type = np.float64) -> None:
-        self._shape = (fingers, taxels)
-        self.samples: NDArray[Any] = np.zeros((fingers, length, taxels), dtype)
+    def __init__(self, samples: NDArray[Any]) -> None:
+        self.samples = samples
+        self._shape = (samples.shape[0], samples.shape[2])
         self.reset()
 
     def reset(self) -> None:
@@ -71,7 +72,7 @@ class PsdDetector:
     def __init__(self, settings: PsdSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         check_layout(self.name, len(MEAN_COUNTS), taxels)
         self.settings = settings
-        self._window = SampleWindow(fingers, PAPER_WINDOW, taxels)
+        self._window = SampleWindow(np.zeros((fingers, PAPER_WINDOW, taxels)))
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
@@ -91,7 +92,7 @@ class PsdFairDetector:
 
     def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
-        self._window = SampleWindow(fingers, FAIR_WINDOW, taxels)
+        self._window = SampleWindow(np.zeros((fingers, FAIR_WINDOW, taxels)))
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:

@@ -79,7 +79,8 @@ class GripperState(msgspec.Struct, frozen=True):
     @property
     def at_rest(self) -> bool:
         """True when the status is fresh and no finger moves."""
-        return self.fresh and all(f.detection is not Detection.MOVING for f in self.fingers)
+        a, b, c = self.fingers
+        return self.fresh and Detection.MOVING not in (a.detection, b.detection, c.detection)
 
     @property
     def is_open(self) -> bool:

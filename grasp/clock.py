@@ -51,16 +51,12 @@ class VirtualClock:
 
     def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
         self._advance_world = advance_world
-        self._now_ns = start_ns
-
-    @property
-    def now_ns(self) -> int:
-        return self._now_ns
+        self.now_ns = start_ns
 
     def sleep_until_ns(self, t_ns: int) -> None:
-        if t_ns > self._now_ns:
+        if t_ns > self.now_ns:
             self._advance_world(t_ns)
-            self._now_ns = t_ns
+            self.now_ns = t_ns
 
 
 class PacedClock(VirtualClock):
@@ -96,6 +92,7 @@ class Deadlines:
 
     def skip_missed(self, now_ns: int) -> None:
         """Skip the deadlines between the last one and now."""
-        passed = max((now_ns - self.last_ns) // self._period_ns, 0)
-        self.missed += passed
-        self.last_ns += passed * self._period_ns
+        passed = (now_ns - self.last_ns) // self._period_ns
+        if passed > 0:
+            self.missed += passed
+            self.last_ns += passed * self._period_ns

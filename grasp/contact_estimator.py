@@ -23,14 +23,19 @@ class Stiffness(msgspec.Struct, frozen=True):
 class ContactEstimator:
     """Estimate from all samples so far, mostly from the thumb, which opposes both other fingers.
 
-    ``grip_n``: force of the thumb, low-pass filtered. ``longest_gap_ns``: longest time without
-    contact of the thumb while the object may have been in the air.
+    ``grip_n``: force of the thumb, low-pass filtered. ``thumb_lost``: the thumb has had no contact
+    for too long. ``lost``: no finger has had any: while lowering, the thumb alone may show no
+    contact once the object touches the table, although the grip is unchanged. ``longest_gap_ns``:
+    longest time without contact of the thumb while the object may have been in the air.
+    ``overload_ns``: time since estimated force was last within the limit plus the estimate's
+    margin.
     """
 
     def __init__(self, contact_n: float) -> None:
         self._contact_n = contact_n
         self.grip_n = 0.0
-        self.longest_gap_ns = 0
+        self.thumb_lost = self.lost = False
+        self.longest_gap_ns = self.overload_ns = 0
         self._t_ns = 0  # of the last sample
         self._thumb_contact_ns = 0  # of the last sample with contact of the thumb
         self._contact_ns = 0  # of the last sample with contact of any finger
@@ -38,33 +43,21 @@ class ContactEstimator:
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
-        weight = min(1.0, (obs.t_ns - self._t_ns) / GRIP_NS)
+        t_ns, responsive_n = obs.t_ns, obs.responsive_n
+        weight = min(1.0, (t_ns - self._t_ns) / GRIP_NS)
         self.grip_n += weight * (thumb_n(obs) - self.grip_n)
-        self._t_ns = obs.t_ns
-        if obs.estimated_n[0] >= self._contact_n and sum(obs.responsive_n) >= self._contact_n:
-            self._thumb_contact_ns = obs.t_ns
+        self._t_ns = t_ns
+        if obs.estimated_n[0] >= self._contact_n and sum(responsive_n) >= self._contact_n:
+            self._thumb_contact_ns = t_ns
         elif airborne:
-            self.longest_gap_ns = max(self.longest_gap_ns, obs.t_ns - self._thumb_contact_ns)
-        if max(obs.responsive_n) >= self._contact_n:
-            self._contact_ns = obs.t_ns
+            self.longest_gap_ns = max(self.longest_gap_ns, t_ns - self._thumb_contact_ns)
+        if max(responsive_n) >= self._contact_n:
+            self._contact_ns = t_ns
         if not obs.overloaded:
-            self._within_limit_ns = obs.t_ns
-
-    @property
-    def thumb_lost(self) -> bool:
-        """Whether the thumb has had no contact for too long."""
-        return self._t_ns - self._thumb_contact_ns >= LOST_NS
-
-    @property
-    def lost(self) -> bool:
-        """Whether no finger has had contact for too long. While lowering, the thumb alone may show
-        no contact once the object touches the table, although the grip is unchanged."""
-        return self._t_ns - self._contact_ns >= LOST_NS
-
-    @property
-    def overload_ns(self) -> int:
-        """Time since estimated force was last within the limit plus the estimate's margin, ns."""
-        return self._t_ns - self._within_limit_ns
+            self._within_limit_ns = t_ns
+        self.thumb_lost = t_ns - self._thumb_contact_ns >= LOST_NS
+        self.lost = t_ns - self._contact_ns >= LOST_NS
+        self.overload_ns = t_ns - self._within_limit_ns
 
 
 def thumb_n(obs: Observation) -> float:

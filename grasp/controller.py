@@ -82,7 +82,8 @@ class GraspController:
 
     @property
     def finished(self) -> bool:
-        return self.state in END_STATES or (self._supervisor is not None and self._supervisor.over)
+        ended = self.machine.state in END_STATES
+        return ended or (self._supervisor is not None and self._supervisor.over)
 
     @property
     def in_safe_state(self) -> bool:
@@ -110,23 +111,24 @@ class GraspController:
 
     def step(self, obs: Observation) -> Decision:
         """Take one observation; returns the decision, with the commands to send."""
+        state = self.machine.state
         self._commands = []
         self._reset_detector = self._first_grasp = False
-        self._timer.update(obs, self.state)
-        self.slip_monitor.update(obs.t_ns, obs.probabilities)
-        self._contact.update(obs, self.state in AIRBORNE_STATES)
+        self._timer.update(obs, state)
+        slip = self.slip_monitor.update(obs.t_ns, obs.probabilities)
+        self._contact.update(obs, state in AIRBORNE_STATES)
         # during a response the object may slip unregistered, but not while a margin is added
-        responding = self.state is State.COMPENSATE and not self.response.adds_margin
-        if responding or self.slip_monitor.status.registered:
+        responding = state is State.COMPENSATE and not self.response.adds_margin
+        if responding or slip.registered:
             self._set_down.record_slip(obs)
         if self._supervisor:
             self._commands += self._supervisor.step(obs)
-        elif faults := self._run_monitor.check(obs, self.state):
+        elif faults := self._run_monitor.check(obs, state):
             self._enter_safe_state(Trigger.FAIL, obs, faults)
-        elif obs.inputs.stop:
-            self._enter_safe_state(Trigger.STOP, obs, (obs.inputs.stop,))
-        elif self.state not in END_STATES:
-            self._handlers[self.state](obs)
+        elif obs.stop:
+            self._enter_safe_state(Trigger.STOP, obs, (obs.stop,))
+        elif state not in END_STATES:
+            self._handlers[state](obs)
         return Decision(
             self.state, self.slip_monitor.status, tuple(self._commands),
             self._reset_detector, self._first_grasp, self.finished,
@@ -144,8 +146,7 @@ class GraspController:
         stale hand status confirms nothing."""
         stale_ns = self._settings.stale_after_s * 1e9
         if obs.gripper.age_ns(obs.t_ns) > stale_ns:
-            inputs = msgspec.structs.replace(obs.inputs, gripper_lost=True)
-            obs = msgspec.structs.replace(obs, inputs=inputs)
+            obs = msgspec.structs.replace(obs, gripper_lost=True)
         safe = self._abort_state
         return Unconfirmed(safe.unconfirmed_arm(obs, stale_ns), safe.unconfirmed_hand(obs))
 
@@ -186,7 +187,7 @@ class GraspController:
     # Grasp
 
     def _tare(self, obs: Observation) -> None:
-        if obs.hand_rests and obs.inputs.rest_taken:
+        if obs.hand_rests and obs.rest_taken:
             thumb, _, _ = self._plan.preshape_counts
             _, b, c = self._plan.grip_counts
             self._transition(Trigger.TARED, obs, "rest counts taken", self._grip((thumb, b, c)))
@@ -303,10 +304,10 @@ class GraspController:
         """Hold for ``hold_s`` after the last response to slip. Alarms that no closing can end
         extend the hold. It then ends at most ``hold_s`` plus ``ALARM_HOLD_NS`` after the arm first
         arrived at the top."""
-        s, set_down = self._settings, obs.inputs.set_down
+        s, set_down = self._settings, obs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
-        futile = obs.closing_exhausted and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
+        futile = held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS and obs.closing_exhausted
         if not (over or futile) and self._respond_to_slip(obs):
             return
         if over or futile or set_down or self._lasted(obs, s.hold_s):

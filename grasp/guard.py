@@ -118,6 +118,11 @@ class ForceGuard:
         self._stiffness = stiffness
         self._free_counts = free_counts
         self._first_grasp: tuple[Counts3, Vector3] | None = None
+        # With ``travel_bound``, from the first grasp on: positions at which the fingers' force
+        # reaches the limit at the stated stiffness, rounded down to motor counts
+        self._travel_limits: Counts3 | None = None
+        # the thumb's, beyond which it may not close; None with `each_motor`
+        self.thumb_limit_counts: int | None = None
 
     @property
     def closing_speed_mps(self) -> float:
@@ -132,6 +137,14 @@ class ForceGuard:
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         """Take the first grasp as the reference of safe travel."""
         self._first_grasp = (positions, estimated_n)
+        s = self._settings
+        if s.travel_bound:
+            a, b, c = (
+                position + self._stiffness.counts_within(s.force_limit_n - force_n)
+                for position, force_n in zip(positions, estimated_n, strict=True)
+            )
+            self._travel_limits = a, b, c
+            self.thumb_limit_counts = a if s.cap_mode == "every_finger" else None
 
     def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3 | None:
         """Safe travel: the position of each finger, motor counts, up to which closing may be fast.
@@ -143,22 +156,23 @@ class ForceGuard:
         The estimated force, less what closing since the first grasp explains, replaces the first
         grasp's force if it is larger.
         """
-        if self._first_grasp is None or self._settings.cap_mode == "each_motor":
-            return None
-        fingers = zip(*self._first_grasp, state.requested, estimated_n, strict=True)
-        a, b, c = (self._safe_travel(*finger) for finger in fingers)
-        return a, b, c
-
-    def _safe_travel(
-        self, position: int, first_n: float, requested: int, estimated_n: float
-    ) -> int:
         s, per_count_n = self._settings, self._stiffness.newtons_per_count
-        unexplained_n = estimated_n - per_count_n * max(0, requested - position)
-        worst_n = max(first_n + FIRST_FORCE_MARGIN_N, unexplained_n)
-        worst = Stiffness(STIFFNESS_MARGIN * per_count_n)
-        counts = worst.counts_within(s.force_limit_n + s.overshoot_n - worst_n)
-        expected_n = max(first_n, unexplained_n)
-        return position + min(counts, self._stiffness.counts_within(s.force_limit_n - expected_n))
+        if self._first_grasp is None or s.cap_mode == "each_motor":
+            return None
+        travel = []
+        fingers = zip(*self._first_grasp, state.fingers, estimated_n, strict=True)
+        for position, first_n, finger, finger_n in fingers:
+            closed = max(0, finger.requested_counts - position)
+            unexplained_n = finger_n - per_count_n * closed
+            worst_n = max(first_n + FIRST_FORCE_MARGIN_N, unexplained_n)
+            expected_n = max(first_n, unexplained_n)
+            counts = min(
+                (s.force_limit_n - expected_n) / per_count_n,
+                (s.force_limit_n + s.overshoot_n - worst_n) / (STIFFNESS_MARGIN * per_count_n),
+            )
+            travel.append(position + max(0, math.floor(counts)))
+        a, b, c = travel
+        return a, b, c
 
     def admit(
         self, command: GripperCommand, state: GripperState, estimated_n: Vector3
@@ -175,9 +189,9 @@ class ForceGuard:
         s = self._settings
         # with `each_motor` the thumb carries the sum of two motors
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
-        thumb_n, *others_n = estimated_n
+        thumb_n, b_n, c_n = estimated_n
         margin_n = s.estimate_margin_n
-        return thumb_n > thumb_limit_n + margin_n or max(others_n) > s.force_limit_n + margin_n
+        return thumb_n > thumb_limit_n + margin_n or max(b_n, c_n) > s.force_limit_n + margin_n
 
     def _admit_move(
         self, command: MoveFingers, state: GripperState, estimated_n: Vector3
@@ -223,31 +237,11 @@ class ForceGuard:
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return requested_mps if within else min(requested_mps, self.closing_speed_mps)
 
-    @property
-    def thumb_limit_counts(self) -> int | None:
-        """Position beyond which the thumb may not close, motor counts. None without
-        ``travel_bound``, before the first grasp, and with `each_motor`."""
-        alone = self._settings.cap_mode == "every_finger"
-        return self._travel_limits[0] if alone and self._travel_limits is not None else None
-
     def _within_travel(self, targets: Counts3) -> Counts3:
         if self._travel_limits is None:
             return targets
         a, b, c = (
             min(target, end) for target, end in zip(targets, self._travel_limits, strict=True)
-        )
-        return a, b, c
-
-    @property
-    def _travel_limits(self) -> Counts3 | None:
-        """Positions at which the fingers' force reaches the limit at the stated stiffness, rounded
-        down to motor counts; None without ``travel_bound`` and before the first grasp."""
-        s = self._settings
-        if not s.travel_bound or self._first_grasp is None:
-            return None
-        a, b, c = (
-            position + self._stiffness.counts_within(s.force_limit_n - force_n)
-            for position, force_n in zip(*self._first_grasp, strict=True)
         )
         return a, b, c
 

@@ -20,8 +20,9 @@ class LiftLine:
 
     def stopped_at(self, obs: Observation, height_m: float) -> bool:
         """Whether the arm is at rest at this height, with no command on its way."""
-        away_m = abs(self.height_m(obs) - height_m)
-        return not obs.pending and not obs.arm.moving and away_m < AT_HEIGHT_M
+        if obs.pending or obs.arm.moving:
+            return False
+        return abs(self.height_m(obs) - height_m) < AT_HEIGHT_M
 
     def move(
         self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None

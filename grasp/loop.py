@@ -38,7 +38,7 @@ from grasp.commands import (
 from grasp.controller import Decision
 from grasp.controller_settings import LoopSettings
 from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
-from grasp.observation import Observation, StepInput
+from grasp.observation import Observation
 from grasp.states import State
 from grasp.step import GraspStep, StepResult
 
@@ -166,31 +166,38 @@ class ControlLoop:
 
         Raises Interruption between two ticks when a signal has come.
         """
-        start_ns, controller = self._clock.now_ns, self._step.controller
-        end_ns = start_ns + round(deadline_s * 1e9)
+        now_ns, controller = self._clock.now_ns, self._step.controller
+        end_ns, finished = now_ns + round(deadline_s * 1e9), controller.finished
         self._deadlines = Deadlines(
-            start_ns, self._period_ns
+            now_ns, self._period_ns
         )  # the time before the run does not count as late
         with signals.deferred():
-            while not controller.finished and self._clock.now_ns < end_ns + controller.arm_delay_ns:
+            while not finished and now_ns < end_ns + controller.arm_delay_ns:
                 signals.check()
-                self.tick()
-        if not controller.finished:
+                tick = self.tick()
+                now_ns, finished = tick.observation.t_ns, tick.decision.finished
+        if not finished:
             self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
 
     def tick(self) -> Tick:
         """Run one period: wait for the sample, step, send the commands, then notify observers."""
-        now_ns = self._await_period()
-        self._poll(now_ns)
-        self._late_ns += self._clock.now_ns - now_ns  # 0 in virtual time
-        inputs = self._read_inputs(now_ns)
-        start_ns, began_ns = stopwatch_ns(), self._clock.now_ns
-        result = self._step.decide(inputs)
+        clock, now_ns = self._clock, self._await_period()
+        self._poll_tactile(now_ns)
+        self._poll_gripper(now_ns)
+        self._poll_arm(now_ns)
+        began_ns = clock.now_ns  # this and the next: ``now_ns`` in virtual time, so runs are equal
+        obs = self._observe(now_ns, self._late_ns + began_ns - now_ns)
+        start_ns = stopwatch_ns()
+        result = self._step.decide(obs)
         self.timing.frame_to_decision_ns.append(stopwatch_ns() - start_ns)
-        self._took_ns = self._clock.now_ns - began_ns  # 0 in virtual time, so that runs are equal
-        self._enqueue(now_ns, result)
-        self._send_before_observers()
-        self._prepare_fallback(self._step.fallback(inputs.gripper) if self._set_fallback else None)
+        decided_ns = clock.now_ns
+        self._took_ns = decided_ns - began_ns
+        if result.admitted:
+            self._enqueue(now_ns, decided_ns, result)
+        if self._queue and not clock.virtual:
+            self._send_before_observers()
+        if self._set_fallback is not None:
+            self._prepare_fallback(self._step.fallback(obs.gripper))
         tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
         self._last = tick
@@ -280,11 +287,11 @@ class ControlLoop:
         if self._last is None:
             return None
         last, devices = self._last.observation, self._devices
-        inputs = msgspec.structs.replace(
-            last.inputs, t_ns=self._clock.now_ns, gripper=devices.gripper.state or last.gripper,
+        observation = msgspec.structs.replace(
+            last, t_ns=self._clock.now_ns, gripper=devices.gripper.state or last.gripper,
             arm=devices.arm.state or last.arm, gripper_lost=self._gripper_lost, pending=False,
+            last_close=self._step.last_close,
         )  # fmt: skip
-        observation = msgspec.structs.replace(last, inputs=inputs, last_close=self._step.last_close)
         return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
@@ -299,51 +306,52 @@ class ControlLoop:
     def _await_period(self) -> int:
         """Sleep until the next deadline and send commands that become due; returns the time."""
         due_ns = self._deadlines.next_ns()
-        self._advance_to(due_ns)
+        if self._queue:
+            self._send_due(due_ns)
+        self._clock.sleep_until_ns(due_ns)
         now_ns = self._clock.now_ns
         self._late_ns = now_ns - due_ns
-        self._deadlines.skip_missed(now_ns)
+        if self._late_ns > 0:
+            self._deadlines.skip_missed(now_ns)
         self.timing.missed_periods = self._deadlines.missed
         return now_ns
 
-    def _advance_to(self, t_ns: int) -> None:
-        """Wait until then, and send commands that become due."""
+    def _send_due(self, t_ns: int) -> None:
+        """Wait for each command that is due until then, and send it."""
         while self._queue and self._queue[0].due_ns <= t_ns:
             waiting = self._queue.popleft()
             self._clock.sleep_until_ns(waiting.due_ns)
             self._send(waiting)
-        self._clock.sleep_until_ns(t_ns)
 
-    def _poll(self, now_ns: int) -> None:
-        self._call_device(FINGERTIPS, lambda: self._devices.tactile.poll(now_ns))
-        self._poll_gripper(now_ns)
-        self._poll_arm(now_ns)
+    # An expected error of a device becomes an input of the next step.
+
+    def _poll_tactile(self, now_ns: int) -> None:
+        try:
+            self._devices.tactile.poll(now_ns)
+        except GraspError as error:
+            self.note(FINGERTIPS, error)
+
+    def _poll_gripper(self, now_ns: int) -> None:
+        try:
+            self._devices.gripper.poll(now_ns)
+        except GraspError as error:
+            self.note(GRIPPER, error)
+            self._gripper_lost = self._gripper_lost or isinstance(error, LinkLost)
+        else:
+            self._gripper_lost = False
 
     def _poll_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
-        self._call_device(ARM, lambda: self._devices.arm.poll(now_ns))
+        try:
+            self._devices.arm.poll(now_ns)
+        except GraspError as error:
+            self.note(ARM, error)
 
     def _poll_arm_before_command(self) -> None:
         """Refresh the arm's state, because a command starts from it."""
         now_ns = self._clock.now_ns
         if now_ns - self._arm_ns > SOON_NS:
             self._poll_arm(now_ns)
-
-    def _poll_gripper(self, now_ns: int) -> None:
-        error = self._call_device(GRIPPER, lambda: self._devices.gripper.poll(now_ns))
-        if error is None:
-            self._gripper_lost = False
-        elif isinstance(error, LinkLost):
-            self._gripper_lost = True
-
-    def _call_device(self, device: str, action: Callable[[], None]) -> GraspError | None:
-        """Call a device; an expected error becomes an input of the next step."""
-        try:
-            action()
-        except GraspError as error:
-            self.note(device, error)
-            return error
-        return None
 
     def note(self, device: str, error: GraspError) -> str:
         """Pass a driver's error to the next step; returns it in one line."""
@@ -358,44 +366,40 @@ class ControlLoop:
         assert state is not None  # noqa: S101  (a rig opens with it read)
         return state
 
-    def _read_inputs(self, now_ns: int) -> StepInput:
-        """Present device states and new errors as a step's inputs; each error is passed once."""
-        tactile, arm = self._devices.tactile, self._devices.arm.state
+    def _observe(self, now_ns: int, late_ns: int) -> Observation:
+        """Present device states and new errors; each error is passed once."""
+        devices = self._devices
+        tactile, gripper, arm = devices.tactile, devices.gripper.state, devices.arm.state
         frame = tactile.frame
-        assert arm is not None  # noqa: S101  (a rig opens with it read)
+        assert gripper is not None and arm is not None  # noqa: S101  (a rig opens with both read)
         if frame is not None:
             self.timing.frame_age_ns.append(now_ns - frame.sampled_ns)
             self.timing.repeated_frames += frame.missed > 0
         errors, self._new_errors = self._new_errors, ()
-        return StepInput(
+        return Observation(
             t_ns=now_ns,
             frame=frame,
             rest_taken=tactile.rest_taken,
-            gripper=self._gripper_state(),
+            gripper=gripper,
             arm=arm,
             pending=bool(self._queue),
             errors=errors,
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
             stop=self._stop,
-            late_ns=self._late_ns,
+            late_ns=late_ns,
             took_ns=self._took_ns,
         )
 
-    def _enqueue(self, step_ns: int, result: StepResult) -> None:
-        decided_ns = self._clock.now_ns
+    def _enqueue(self, step_ns: int, decided_ns: int, result: StepResult) -> None:
         due_ns = step_ns + self._delay_ns
-        self._queue.extend(
-            _Waiting(due_ns, step_ns, decided_ns, requested, admitted)
-            for requested, admitted in zip(result.decision.commands, result.admitted, strict=True)
-        )
+        for requested, admitted in zip(result.decision.commands, result.admitted, strict=True):
+            self._queue.append(_Waiting(due_ns, step_ns, decided_ns, requested, admitted))
 
     def _send_before_observers(self) -> None:
-        """Send commands now and wait for the gripper's acknowledgement, unless time is virtual:
-        recorder and display would delay the thread that writes to the gripper."""
-        if self._clock.virtual or not self._queue:
-            return
-        self._advance_to(self._clock.now_ns + SOON_NS)
+        """Send commands that are due soon and wait for the gripper's acknowledgement: recorder and
+        display would delay the thread that writes to the gripper."""
+        self._send_due(self._clock.now_ns + SOON_NS)
         end_ns = self._deadlines.last_ns + self._period_ns - round(self.observer_reserve_s * 1e9)
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)

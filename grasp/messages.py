@@ -114,17 +114,16 @@ def write_tick(write: Write, tick: Tick) -> None:
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, arm_message(tick.arm))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision))
-    if tick.observation.motion is not None:
-        write(MOTION, t_ns, tick.observation.motion)
+    motion = tick.observation.motion()
+    if motion is not None:
+        write(MOTION, t_ns, motion)
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:
-    counts, raw, temperature = (
-        codes.ravel().tolist() for codes in (frame.counts, frame.raw, frame.temperature)
-    )
     return TactileMessage(
-        frame.seq, frame.sampled_ns, counts, raw, temperature, frame.missed, frame.stale
-    )
+        frame.seq, frame.sampled_ns, frame.counts.ravel().tolist(), frame.raw.ravel().tolist(),
+        frame.temperature.ravel().tolist(), frame.missed, frame.stale,
+    )  # fmt: skip
 
 
 def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
@@ -156,13 +155,25 @@ def _nan_for_null(value: Any) -> Any:
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
+    slip = decision.slip
     return ControlMessage(
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
-        **msgspec.structs.asdict(decision.slip),
-        **{name: getattr(obs.inputs, name) for name in INPUTS},
+        armed=slip.armed,
+        masked=slip.masked,
+        registered=slip.registered,
+        event=slip.event,
+        finger=slip.finger,
         estimated_n=obs.estimated_n,
+        rest_taken=obs.rest_taken,
+        pending=obs.pending,
+        errors=obs.errors,
+        gripper_lost=obs.gripper_lost,
         commands=list(decision.commands),
+        set_down=obs.set_down,
+        stop=obs.stop,
+        late_ns=obs.late_ns,
+        took_ns=obs.took_ns,
         faults=obs.faults,
         reported=obs.reported,
     )
@@ -174,7 +185,7 @@ def recorded_input(
     control: ControlMessage,
     gripper: GripperState,
     arm: ArmState,
-) -> StepInput:
+) -> Observation:
     """The inputs of a recorded step."""
     others = {name: getattr(control, name) for name in INPUTS}
-    return StepInput(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)
+    return Observation(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)

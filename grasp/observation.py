@@ -1,16 +1,29 @@
 """StepInput: all inputs of one control step. Observation: the inputs and derived values."""
 
+from collections.abc import Callable
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
-from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
+from drivers.interfaces import (
+    FINGERS,
+    ArmState,
+    Counts3,
+    Detection,
+    GripperState,
+    TactileFrame,
+    Vector3,
+)
 from grasp.commands import CloseFast
 from grasp.fault import ARM, GRIPPER, Fault, stale
 
+NO_SLIP = np.zeros(FINGERS)  # the probabilities of a step without any
+NO_SLIP.flags.writeable = False
 
-class StepInput(msgspec.Struct, frozen=True, kw_only=True):
+
+class StepInput(msgspec.Struct, kw_only=True):
     """All inputs of one step. ``frame`` is None until the fingertips have sent one.
 
     ``pending``: a command of an earlier step has not reached its device yet. ``errors``: faults
@@ -34,21 +47,24 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     took_ns: int = 0
 
 
-class Observation(msgspec.Struct, frozen=True, kw_only=True):
+class Observation(StepInput, kw_only=True):
     """All that the controller knows in one step: the inputs, and values derived from them.
 
-    ``probabilities``: of slip, (3,); zeros without a fresh frame. ``faults``: ``inputs.errors`` and
+    Made with the inputs; ``GraspStep`` then sets the derived values, before the controller's step.
+    Nothing changes it afterwards.
+
+    ``probabilities``: of slip, (3,); zeros without a fresh frame. ``faults``: ``errors`` and
     plausibility checks that failed; ``reported``: failed checks that do not end the run.
     ``estimated_n``: estimated force of each finger, N; ``responsive_n``: the same from responsive
     taxels only, which are neither saturated nor stuck and so would show the loss of contact.
     ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
-    ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
+    ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
+    only recorded and shown, and takes longer than the detector itself.
     """
 
-    inputs: StepInput
-    probabilities: NDArray[np.float64]
+    probabilities: NDArray[np.float64] = NO_SLIP
     faults: tuple[Fault, ...] = ()
     reported: tuple[Fault, ...] = ()
     estimated_n: Vector3 = (0.0, 0.0, 0.0)
@@ -57,39 +73,19 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     last_close: CloseFast | None = None
     safe_travel_counts: Counts3 | None = None
     thumb_limit_counts: int | None = None
-    motion: Motion | None = None
-
-    @property
-    def t_ns(self) -> int:
-        return self.inputs.t_ns
-
-    @property
-    def frame(self) -> TactileFrame | None:
-        return self.inputs.frame
-
-    @property
-    def gripper(self) -> GripperState:
-        return self.inputs.gripper
-
-    @property
-    def arm(self) -> ArmState:
-        return self.inputs.arm
-
-    @property
-    def pending(self) -> bool:
-        """A command of an earlier step has not reached its device yet."""
-        return self.inputs.pending
+    motion: Callable[[], Motion | None] = lambda: None
 
     def device_fault(self, old_ns: float) -> Fault | None:
         """The first fault of gripper or arm: a state older than ``old_ns``, or a reported fault."""
-        if self.gripper.age_ns(self.t_ns) > old_ns:
+        gripper, arm = self.gripper, self.arm
+        if self.t_ns - gripper.t_ns > old_ns:
             return stale(GRIPPER, "gripper status too old")
-        if self.arm.age_ns(self.t_ns) > old_ns:
+        if self.t_ns - arm.t_ns > old_ns:
             return stale(ARM, "arm state too old")
-        if self.gripper.fault:
-            text = f"gripper fault: {self.gripper.fault_text}"
+        if gripper.fault:
+            text = f"gripper fault: {gripper.fault_text}"
             return Fault("gripper_fault", GRIPPER, text, "clear the fault of the hand first")
-        if self.arm.stopped_by_safety:
+        if arm.stopped_by_safety:
             text = "arm stopped by its safety system"
             return Fault("arm_safety_stop", ARM, text, "release the stop at the arm's pendant")
         return None
@@ -130,9 +126,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
         if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
-        return all(
-            f.detection is Detection.CONTACT_CLOSING
-            or (f.position_counts >= limit and not close.first_stage)
-            for f, closes, limit in fingers
-            if closes
-        )
+        for finger, closes, limit_counts in fingers:
+            at_limit = finger.position_counts >= limit_counts and not close.first_stage
+            if closes and not at_limit and finger.detection is not Detection.CONTACT_CLOSING:
+                return False
+        return True

@@ -88,7 +88,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def unconfirmed_hand(self, obs: Observation) -> tuple[str, ...]:
         """Why the hand's part is not confirmed; empty if it is."""
-        if obs.inputs.gripper_lost:
+        if obs.gripper_lost:
             return ("the hand does not report: it keeps its position",)
         if self.hand_is_safe(obs):
             return ()
@@ -139,7 +139,7 @@ class SafeStateSupervisor:
         safe = self.safe
         stop = obs.arm.moving or obs.t_ns == safe.since_ns or safe.arm_implausible
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
-        if obs.inputs.gripper_lost or safe.hand_is_safe(obs):
+        if obs.gripper_lost or safe.hand_is_safe(obs):
             return arm
         return (*arm, *safe.hand_commands(self._response.closing(obs)))
 

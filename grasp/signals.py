@@ -52,6 +52,7 @@ class _State:
         self.deferred = self.defer_after_raise = self.ignore_checks = self.raised = False
         self.watched = self.raise_next = self.hangs = self.rescued = False
         self.raised_at_s = 0.0
+        self.thread = threading.get_ident()
 
     def take(self, number: int, _: object) -> None:
         while self.rescued:  # the watchdog thread commands the devices and ends the process
@@ -73,8 +74,13 @@ _taken: _State | None = None
 
 def _state() -> _State:
     """State of this process; an unused one in other threads and outside ``taken``."""
-    main = threading.current_thread() is threading.main_thread()
-    return _taken if main and _taken is not None else _State()
+    return _taken_here() or _State()
+
+
+def _taken_here() -> _State | None:
+    """State of this process; None in other threads and outside ``taken``."""
+    state = _taken
+    return None if state is None or state.thread != threading.get_ident() else state
 
 
 @contextmanager
@@ -181,7 +187,9 @@ def _watch(state: _State, reads: socket.socket, rescue: Callable[[], object]) ->
 def check(end: bool = True) -> None:
     """Raise Interruption, once, if a signal was received. ``end``: False where no signal may end
     the current work, such as a safe state."""
-    state = _state()
+    state = _taken_here()
+    if state is None:
+        return
     state.checks += 1
     if end and state.number is not None and not (state.raised or state.ignore_checks):
         state.raised = True

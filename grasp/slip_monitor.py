@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.decision import DecisionRule
+from detector.decision import DecisionRule, highest
 
 
 class SlipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -71,19 +71,21 @@ class SlipMonitor:
         if before.armed and now_ns < self.masked_until_ns:
             self.status = SlipStatus(True, True, before.registered, False, before.finger)
         elif before.armed:
-            self.status = self._decide(now_ns, probabilities)
+            self.status = self._decide(now_ns, probabilities.tolist())
         return self.status
 
-    def _decide(self, now_ns: int, probabilities: NDArray[np.float64]) -> SlipStatus:
+    def _decide(self, now_ns: int, probabilities: list[float]) -> SlipStatus:
         before = self.status
-        if self.first_detection_ns is None and probabilities.max() > self._rule.threshold:
+        if self.first_detection_ns is None and max(probabilities) > self._rule.threshold:
             self.first_detection_ns = now_ns
         registering = self._rule.update(probabilities)
         if not self._rule.registered:
             return ARMED
-        if not registering.any():
+        if not any(registering):
             return SlipStatus(True, False, True, False, before.finger)
-        finger = int(np.where(registering, probabilities, -1.0).argmax())
+        finger = highest(
+            [p if now else -1.0 for p, now in zip(probabilities, registering, strict=True)]
+        )
         event = not before.registered
         if event:
             self.events.append((now_ns, finger))

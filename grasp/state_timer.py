@@ -18,6 +18,7 @@ class StateTimer:
     ``entered_ns``: when the present state began. ``elapsed_ns``: time since the step before.
     ``still_ns``: since when in this state the arm has been at rest with no command on its way; None
     while it moves. ``arm_delay_ns``: how much longer the run takes because of a slow arm.
+    ``arm_halted``: the speed slider has stopped the arm for too long to wait for it.
     """
 
     def __init__(self) -> None:
@@ -25,6 +26,7 @@ class StateTimer:
         self.elapsed_ns = 0
         self.still_ns: int | None = None
         self.arm_delay_ns = 0.0
+        self.arm_halted = False
         self._last_step_ns: int | None = None
         self._requested_ns = 0  # time of the last request of this state
         self._scaled_ns = 0.0  # duration of this state, scaled by the arm's speed
@@ -32,24 +34,21 @@ class StateTimer:
 
     def update(self, obs: Observation, state: State) -> None:
         """Take one step in this state."""
-        last_step_ns = obs.t_ns if self._last_step_ns is None else self._last_step_ns
-        self.elapsed_ns, self._last_step_ns = obs.t_ns - last_step_ns, obs.t_ns
-        if obs.pending or obs.arm.moving:
+        t_ns, arm = obs.t_ns, obs.arm
+        last_step_ns = t_ns if self._last_step_ns is None else self._last_step_ns
+        elapsed_ns = t_ns - last_step_ns
+        self.elapsed_ns, self._last_step_ns = elapsed_ns, t_ns
+        if obs.pending or arm.moving:
             self.still_ns = None
         elif self.still_ns is None:
-            self.still_ns = obs.t_ns
+            self.still_ns = t_ns
         slowed = state in SLOWED_STATES
-        fraction = obs.arm.speed_fraction
-        pace = min(1.0, max(LEAST_PACE, fraction)) if slowed else 1.0
-        self._scaled_ns += pace * self.elapsed_ns
-        self.arm_delay_ns += (1.0 - pace) * self.elapsed_ns
-        halted = slowed and fraction < LEAST_PACE
-        self._halted_ns = self._halted_ns + self.elapsed_ns if halted else 0.0
-
-    @property
-    def arm_halted(self) -> bool:
-        """Whether the speed slider has stopped the arm for too long to wait for it."""
-        return self._halted_ns >= HALTED_NS
+        pace = min(1.0, max(LEAST_PACE, arm.speed_fraction)) if slowed else 1.0
+        self._scaled_ns += pace * elapsed_ns
+        self.arm_delay_ns += (1.0 - pace) * elapsed_ns
+        halted = slowed and arm.speed_fraction < LEAST_PACE
+        self._halted_ns = self._halted_ns + elapsed_ns if halted else 0.0
+        self.arm_halted = self._halted_ns >= HALTED_NS
 
     def restart(self, t_ns: int) -> None:
         """Begin another state."""

@@ -5,11 +5,9 @@ docs/architecture.md is made from this table.
 """
 
 from enum import StrEnum
-from typing import Any
 
 import msgspec
-from transitions import EventData
-from transitions.extensions.nesting import HierarchicalMachine, NestedState
+from transitions import EventData, Machine
 
 
 class State(StrEnum):
@@ -112,34 +110,13 @@ class PhaseChange(msgspec.Struct, frozen=True):
     cause: str
 
 
-class DottedState(NestedState):
-    """A state named by its parent, a dot and its own name."""
-
-    separator = "."
-
-
-class _Machine(HierarchicalMachine):
-    state_cls = DottedState
-
-
 class _Model:
     state: str  # set by `transitions`
 
 
-def definition() -> dict[str, Any]:
-    """The table as arguments for a machine of `transitions`."""
-    top: dict[str, list[str]] = {}
-    for state in State:
-        parent, _, child = state.value.partition(".")
-        top.setdefault(parent, []).extend([child] if child else [])
-    return {
-        "states": [{"name": n, "children": inner} if inner else n for n, inner in top.items()],
-        "transitions": [
-            {"trigger": trigger.value, "source": [str(s) for s in sources], "dest": dest.value}
-            for trigger, sources, dest in TRANSITIONS
-        ],
-        "auto_transitions": False,
-    }
+def _within(names: tuple[str, ...]) -> list[str]:
+    """The states with these names, and those in the top levels with these names."""
+    return [s.value for s in State if {s.value, s.value.partition(".")[0]} & {*names}]
 
 
 class StateMachine:
@@ -149,9 +126,10 @@ class StateMachine:
         self.state = state
         self.log: list[PhaseChange] = []
         self._model = _Model()
-        self._machine = _Machine(
-            self._model, initial=state.value, send_event=True, after_state_change=self._note,
-            **definition(),
+        self._machine = Machine(
+            self._model, states=[str(s) for s in State], initial=state.value,
+            transitions=[[str(t), _within(sources), str(to)] for t, sources, to in TRANSITIONS],
+            auto_transitions=False, send_event=True, after_state_change=self._note,
         )  # fmt: skip
 
     @property
@@ -165,7 +143,7 @@ class StateMachine:
 
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
         """Make the transition; raises transitions.MachineError where the table has none."""
-        self._machine.trigger_event(self._model, trigger.value, t_ns=t_ns, cause=cause)
+        self._machine.events[trigger.value].trigger(self._model, t_ns=t_ns, cause=cause)
 
     def _note(self, event: EventData) -> None:
         self.state = State(self._model.state)

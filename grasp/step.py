@@ -7,6 +7,8 @@ inputs: no clock, no sleep, no I/O.
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
+from itertools import compress
 
 import msgspec
 import numpy as np
@@ -15,14 +17,14 @@ from numpy.typing import NDArray
 from detector.auxiliary_outputs import Motion
 from detector.interface import SlipDetector
 from drivers.errors import GraspError, describe_exception, one_line
-from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
+from drivers.interfaces import GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
 from grasp.fault import Fault
 from grasp.guard import ForceGuard
 from grasp.monitors.checks import Monitors, failed, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
-from grasp.observation import Observation, StepInput
+from grasp.observation import NO_SLIP, Observation
 from grasp.states import OPEN_STATES, UNTARED_STATES
 
 SLIP_LIKELY = 0.5  # below this the kind of slip is not read: it is trained on slip only
@@ -59,17 +61,22 @@ class GraspStep:
         self._tared = False  # counts are relative to rest counts that this run has taken
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
 
-    def decide(self, inputs: StepInput) -> StepResult:
-        """Process one frame and the states of the other devices."""
-        observation = self._observe(inputs)
-        decision = self.controller.step(observation)
+    def decide(self, obs: Observation) -> StepResult:
+        """Process one frame and the states of the other devices; ``obs`` has no derived values
+        yet."""
+        self._observe(obs)
+        decision = self.controller.step(obs)
         if decision.reset_detector:
+            motion = obs.motion()  # of the state before
+            obs.motion = lambda: motion
             self._reset_detector()
         if decision.first_grasp:
-            self._guard.set_first_grasp(inputs.gripper.min_closure_counts, self._estimated_n)
-        admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
-        self._monitors.sent(admitted, inputs.arm)
-        return StepResult(observation, decision, admitted)
+            self._guard.set_first_grasp(obs.gripper.min_closure_counts, self._estimated_n)
+        admitted: tuple[Command, ...] = ()
+        if decision.commands:
+            admitted = tuple(self.admit(command, obs.gripper) for command in decision.commands)
+            self._monitors.sent(admitted, obs.arm)
+        return StepResult(obs, decision, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
         """The command that the guard admits instead, at the latest estimated force."""
@@ -88,42 +95,43 @@ class GraspStep:
         command = next(hand, None)
         return None if command is None else self._guard.admit(command, gripper, self._estimated_n)
 
-    def _observe(self, inputs: StepInput) -> Observation:
+    def _observe(self, obs: Observation) -> None:
+        """Set the derived values."""
         state = self.controller.state
-        found = self._monitors.check(state, inputs)
-        faults = (*inputs.errors, *filter(self._monitors.stops, found))
-        reported = tuple(fault for fault in found if fault not in faults)
+        faults = obs.errors
+        if found := self._monitors.check(state, obs):
+            faults = (*faults, *filter(self._monitors.stops, found))
+            obs.reported = tuple(fault for fault in found if fault not in faults)
         # `grasp.tare` counts as tared: there is no frame until this run's rest counts are taken
         self._tared |= state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state
-        safe_state_due = bool(inputs.stop or faults) or self.controller.in_safe_state
-        frame, probabilities = inputs.frame, np.zeros(FINGERS)
+        safe_state_due = bool(obs.stop or faults) or self.controller.in_safe_state
+        frame, probabilities = obs.frame, NO_SLIP
         failure: Fault | None = None
         if frame is not None and self._tared:
             if self._monitors.force_plausible:
-                self._estimate_force(frame.counts)
+                self._estimate_force(frame.counts.tolist())
             if not safe_state_due:
                 probabilities, failure = self._detect(frame)
         if failure is not None and state not in OPEN_STATES:  # contact is expected
             faults = (*faults, failure)
-        return Observation(
-            inputs=inputs,
-            probabilities=probabilities,
-            faults=faults,
-            reported=reported,
-            estimated_n=self._estimated_n,
-            responsive_n=self._responsive_n,
-            overloaded=self._guard.overloaded(self._estimated_n),
-            last_close=self.last_close,
-            safe_travel_counts=self._guard.safe_travel(inputs.gripper, self._estimated_n),
-            thumb_limit_counts=self._guard.thumb_limit_counts,
-            motion=self._kind_of_slip(probabilities),
-        )
+        obs.probabilities = probabilities
+        obs.faults = faults
+        obs.estimated_n = self._estimated_n
+        obs.responsive_n = self._responsive_n
+        obs.overloaded = self._guard.overloaded(self._estimated_n)
+        obs.last_close = self.last_close
+        obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
+        obs.thumb_limit_counts = self._guard.thumb_limit_counts
+        obs.motion = partial(self._kind_of_slip, probabilities)
 
-    def _estimate_force(self, counts: NDArray[np.int16]) -> None:
-        self._estimated_n = self._responsive_n = self._force_n(counts)
-        if not self._monitors.fingertips.all_responsive:
-            self._responsive_n = self._force_n(counts * self._monitors.fingertips.responsive)
+    def _estimate_force(self, counts: list[list[int]]) -> None:
+        a, b, c = map(sum, counts)
+        self._estimated_n = self._responsive_n = self._guard.estimated_n((a, b, c))
+        fingertips = self._monitors.fingertips
+        if not fingertips.all_responsive:
+            a, b, c = map(sum, map(compress, counts, fingertips.responsive))
+            self._responsive_n = self._guard.estimated_n((a, b, c))
 
     def _detect(self, frame: TactileFrame) -> tuple[NDArray[np.float64], Fault | None]:
         """Probability of slip at each finger, and the fault if the detector failed. A stale frame
@@ -131,25 +139,21 @@ class GraspStep:
         if frame.stale:
             self._reset_detector()
         if frame.stale or self._reset_failure:
-            return np.zeros(FINGERS), self._reset_failure
+            return NO_SLIP, self._reset_failure
         try:
             probabilities = self._detector.update(frame.counts)
         except KeyboardInterrupt:
             raise
         except BaseException as bug:  # a plug-in's bug must not end a run
-            return np.zeros(FINGERS), _failed(bug)
+            return NO_SLIP, _failed(bug)
         invalid = invalid_probabilities(probabilities)
-        return (np.zeros(FINGERS), invalid) if invalid else (probabilities, None)
+        return (NO_SLIP, invalid) if invalid else (probabilities, None)
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         if probabilities.max() > SLIP_LIKELY:
             with suppress(Exception):  # only recorded, so a bug must not end a run
                 return self._motion()
         return None
-
-    def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
-        a, b, c = counts.sum(axis=1).tolist()
-        return self._guard.estimated_n((a, b, c))
 
     def _reset_detector(self) -> None:
         """Reset the detector; after a failure it is not used until a reset succeeds."""

@@ -1,6 +1,6 @@
 """Compare the messages of every run with those of another commit.
 
-    python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--topics]
+    python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--within 1e-6]
 
 Both trees run the same lifts, taps and acquisition on the simulated rig, each from its own
 checkout with this interpreter. Then the recordings are compared message by message: channel, log
@@ -50,6 +50,9 @@ RENAMED = {
     r"a step down (changed the grip by \S+ N): it stands": r"the object stands: a step \1",
 }  # fmt: skip
 
+# Fields of the detector's outputs, which depend on the rounding of its arithmetic
+OUTPUTS = ("probabilities", "speed_mps", "turning")
+
 Run = tuple[str, ...]  # arguments of `grasp run`
 Key = tuple[str, int]  # channel and its n-th message, or a recording's array
 Contents = dict[Key, tuple[int, bytes]]  # log time in ns, bytes
@@ -62,6 +65,12 @@ def main() -> int:
     parser.add_argument("--objects", nargs="+", default=OBJECTS, choices=OBJECTS)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1])
     parser.add_argument("--profile", help="of lifts and taps; leaves out the acquisition")
+    parser.add_argument(
+        "--within",
+        type=float,
+        default=0.0,
+        help="allowed difference of the detector's outputs: " + ", ".join(OUTPUTS),
+    )
     parser.add_argument("--topics", action="store_true", help="count differences by channel")
     args = parser.parse_args()
     different = total = 0
@@ -71,7 +80,7 @@ def main() -> int:
         for i, run in enumerate(_runs(args.objects, args.seeds, args.profile)):
             old = renamed(record(before, run, Path(scratch, "old", str(i))))
             new = record(HOME, run, Path(scratch, "new", str(i)))
-            wrong = differences(old, new)
+            wrong = differences(old, new, args.within)
             total, different = total + len(old.keys() | new.keys()), different + len(wrong)
             print(f"{' '.join(run)}: {len(old.keys() | new.keys())} messages, {len(wrong)} differ")
             _show(wrong, old, new, args.topics)
@@ -94,9 +103,22 @@ def _renamed(data: bytes) -> bytes:
     return text.encode()
 
 
-def differences(old: Contents, new: Contents) -> list[Key]:
+def differences(old: Contents, new: Contents, within: float = 0.0) -> list[Key]:
     """Keys of messages that one side lacks or that are not the same, sorted."""
-    return sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
+    keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
+    both = old.keys() & new.keys() if within else set()
+    return [key for key in keys if key not in both or not _near(old[key], new[key], within)]
+
+
+def _near(old: tuple[int, bytes], new: tuple[int, bytes], within: float) -> bool:
+    """Whether two messages differ only in the detector's outputs, by at most ``within``."""
+    pattern = rb'"(?:' + "|".join(OUTPUTS).encode() + rb')":\[([^]]*)\]'
+    rest = [(t_ns, re.sub(pattern, b"", data)) for t_ns, data in (old, new)]
+    a, b = (
+        [float(n) for numbers in re.findall(pattern, data) for n in numbers.split(b",")]
+        for _, data in (old, new)
+    )
+    return rest[0] == rest[1] and len(a) == len(b) and np.allclose(a, b, rtol=within, atol=within)
 
 
 def _show(wrong: Sequence[Key], old: Contents, new: Contents, topics: bool) -> None:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.summary import wilson
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.world import contact, laws

@@ -19,7 +19,8 @@ from drivers.interfaces import Counts3
 from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, open_loop_onset_s
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import open_loop_onset_s
 from scenarios.rigs.simulated import TrialSample, sample_trial
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats

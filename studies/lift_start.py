@@ -7,7 +7,7 @@ import msgspec
 
 from drivers.interfaces import Gripper
 from grasp.states import State
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_controller, make_guard, make_loop
 from scenarios.world.cell import SimulatedCell

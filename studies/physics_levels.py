@@ -26,6 +26,8 @@ Runner = Callable[[Scene, float], Floats]
 SCENES = {"lift": scene.lift, "tap": scene.tap, "vibration": scene.vibration}
 STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
 MUJOCO_STEPS_S = STEPS_S[1:-1]
+MUJOCO = {"impratio 1000": 'impratio="1000"', "noslip": 'noslip_iterations="20"'}
+ONE_AXIS = "MuJoCo one axis"
 TOLERANCES_M = (1e-6, 1e-8, 1e-10)
 ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # of the cost comparison
 FLOOR_MM = 1e-6  # the chart shows smaller errors as this
@@ -81,8 +83,8 @@ def other_law(method: Method, of: Scene, step_s: float) -> Floats:
     return comparators.run(of, method, step_s)
 
 
-def by_mujoco(impratio: float, of: Scene, step_s: float) -> Floats:
-    return mujoco_scene.run(of, step_s, impratio)
+def by_mujoco(option: str, of: Scene, step_s: float) -> Floats:
+    return mujoco_scene.pads(of, step_s, option)
 
 
 def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
@@ -98,8 +100,9 @@ def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
     found["LuGre EXP2"] = partial(other_law, Method.LUGRE_EXP2), STEPS_S
     found["regularised implicit"] = partial(other_law, Method.REGULAR_IMPLICIT), STEPS_S
     if find_spec("mujoco") is not None:
-        for ratio in (1, 10, 100):
-            found[f"MuJoCo impratio {ratio}"] = partial(by_mujoco, ratio), MUJOCO_STEPS_S
+        for name, option in MUJOCO.items():
+            found[f"MuJoCo {name}"] = partial(by_mujoco, option), MUJOCO_STEPS_S
+        found[ONE_AXIS] = mujoco_scene.one_axis, MUJOCO_STEPS_S
     return found
 
 
@@ -135,6 +138,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
         Task(name, curve, step_s)
         for name in args.scenes
         for curve in args.curves
+        if curve != ONE_AXIS or SCENES[name]().tap is None
         for step_s in known[curve][1]
     ]
 
@@ -192,11 +196,11 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
 
 def _plot(axes: Any, curve: str, rows: Sequence[Row]) -> None:
     shown = [row for row in rows if math.isfinite(row.error_m)]
-    dashed = "extrapolated" in curve or "RK4" in curve or curve.endswith(" 10")
+    dashed = "extrapolated" in curve or "RK4" in curve or curve == ONE_AXIS
     axes.plot(
         [row.cost_us for row in shown], [max(row.error_m * 1e3, FLOOR_MM) for row in shown],
         color=COLOURS[curve.split(maxsplit=1)[0]], label=curve, lw=1.1, ms=3.5,
-        ls="--" if dashed else (":" if curve.endswith("100") else "-"),
+        ls="--" if dashed else (":" if curve.endswith("noslip") else "-"),
         marker="s" if curve.startswith("MuJoCo") else "o",
     )  # fmt: skip
 

@@ -25,7 +25,7 @@ from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.slip_response.close import CLOSED_COUNTS
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.simulated import cell_settings

@@ -10,8 +10,10 @@ import shlex
 import shutil
 import statistics
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +37,14 @@ from scenarios.campaign.summary import TRIALS, paper_rate, summarize
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.rigs.workers import Workers
-from studies import difficulty_sweep, runner
+from studies import difficulty_sweep, drop_rate, runner
 from studies import results_page as pages
+from studies.physics_levels import ERRORS_MM, MUJOCO, ONE_AXIS, SCENES, cheapest
 from studies.results_detectors import detectors, disturbances, real, robustness
 from studies.results_page import Made, Row, median, percent
 
 SUMMARY = "all measured figures: results/*.csv and docs/results.md (`make results`)"
+STEP_COST = "processor time of a control step of a lift, µs"
 ALL, PAPER_AVERAGES = "all objects", {"lift": 72.5, "tap": 87.5}
 
 
@@ -196,12 +200,20 @@ def difficulty(run: Run) -> Made:
 
 def contact(run: Run) -> Made:
     """Contact levels against their reference, and the speed of a simulated lift."""
-    rows = []
-    for each in run.study("physics_levels", jobs=1):
-        if each.step_s == run.settings.contact_step_s:
+    rows, points = [], run.study("physics_levels", jobs=1)
+    for each in points:
+        if each.step_s == run.settings.contact_step_s and "extrapolated" in each.curve:
             item = f"{each.curve}, {each.scene}"
             rows += [Row(item, "error, µm", 1e6 * each.error_m),
                      Row(item, "processor time, ms", 1e-3 * each.cost_us)]  # fmt: skip
+    for scene, error_mm in product(dict.fromkeys(p.scene for p in points), ERRORS_MM):
+        here, item = [p for p in points if p.scene == scene], f"{scene}, {error_mm:g} mm"
+        for curve, name in (("L", "levels"), ("MuJoCo", "MuJoCo"), (ONE_AXIS, "MuJoCo one axis")):
+            best = cheapest([p for p in here if (p.curve == ONE_AXIS) == (curve == ONE_AXIS)],
+                            curve, error_mm)  # fmt: skip
+            cost_ms = math.inf if best is None else 1e-3 * best.cost_us
+            if any(p.curve.startswith(curve) for p in here):
+                rows.append(Row(item, f"{name}: processor time at equal error, ms", cost_ms))
     config, factors = load_config("can", "simulated").for_lift(), []
     for seed in range(run.settings.speed_lifts + 1):
         start = time.process_time()
@@ -211,8 +223,36 @@ def contact(run: Run) -> Made:
             factors.append((result.phases[-1].t_s - result.phases[0].t_s) / spent_s)
     factors.sort()
     value = statistics.median(factors)
-    return [*rows, Row("one lift on one core", "times real time", value, factors[0], factors[-1],
-                       len(factors))]  # fmt: skip
+    rows.append(Row("one lift on one core", "times real time", value, factors[0], factors[-1],
+                    len(factors)))  # fmt: skip
+    period_us = 1e6 * config.loop.period_s
+    whole = Row("whole step, level L1 at 0.5 ms", STEP_COST, period_us / value)
+    laws = {"contact law alone, level L1 at 0.5 ms": ("L1", run.settings.contact_step_s),
+            "contact law alone, MuJoCo at 2 ms": (f"MuJoCo {next(iter(MUJOCO))}", 2e-3),
+            "contact law alone, MuJoCo one axis at 4 ms": (ONE_AXIS, 4e-3)}  # fmt: skip
+    cost_us = {(p.curve, p.step_s): p.cost_us for p in points if p.scene == "lift"}
+    periods = SCENES["lift"]().duration_s / config.loop.period_s
+    rows += [whole, *(Row(name, STEP_COST, cost_us[at] / periods) for name, at in laws.items())]
+    return rows, msgspec.to_builtins(points)
+
+
+def drops(run: Run) -> Made:
+    """Drops and excess forces of lifts over random objects and hands, with exact intervals."""
+    lifts, rows = run.study("drop_rate"), []
+    for name, (counts, among) in drop_rate.GROUPS.items():
+        group = [row for row in lifts if among(row)]
+        hits = sum(map(counts, group))
+        low, high = drop_rate.clopper_pearson(hits, len(group))
+        rows += [Row(name, "lifts counted", hits, n=len(group)),
+                 Row(name, "of lifts", len(group)),
+                 Row(name, "rate, 0.01 %", 1e4 * hits / len(group), 1e4 * low, 1e4 * high,
+                     len(group))]  # fmt: skip
+    holdable = Counter(row.outcome for row in lifts if row.holdable)
+    others = Counter(row.outcome for row in lifts if not row.holdable)
+    for outcome in holdable | others:
+        rows += [Row(outcome, "holdable at the limit", holdable[outcome]),
+                 Row(outcome, "not holdable", others[outcome])]  # fmt: skip
+    return rows
 
 
 def timing(run: Run) -> Made:
@@ -234,7 +274,7 @@ def timing(run: Run) -> Made:
 PARTS: dict[str, Callable[[Run], Made]] = {
     part.__name__: part
     for part in (detectors, campaign, hands, disturbances, responses, robustness, contact, real,
-                 timing, difficulty)
+                 timing, difficulty, drops)
 }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import msgspec
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
 from scenarios.campaign.summary import wilson
-from studies import difficulty_sweep
+from studies import difficulty_sweep, physics_levels
 from studies.runner import Study, draw, markdown
 
 ROOT = Path(__file__).parents[1]
@@ -245,12 +245,17 @@ def charts(kept: Kept) -> None:
     if find_spec("matplotlib") is None:
         print("without charts, which need the extra `charts` (make install-charts)")
         return
-    curves, lifts = kept.folder / "detectors.json", kept.folder / "difficulty.json"
+    curves, lifts, points = (
+        kept.folder / f"{name}.json" for name in ("detectors", "difficulty", "contact")
+    )
     if curves.exists():
         rows = {row.item: row for row in kept.rows("detectors") if row.measure == ACCURACY}
         found = msgspec.json.decode(curves.read_bytes(), type=dict[str, list[Any]])
         drawn = [Curve(name, points, rows[name]) for name, points in found.items()]
         _draw(speed_chart, drawn, kept.figures / "detectors.svg", (11.0, 4.8))
+    if points.exists():
+        costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])
+        _draw(physics_levels.chart, costs, kept.figures / "contact.svg", (11.0, 5.5))
     if lifts.exists():
         sweep = msgspec.json.decode(lifts.read_bytes(), type=list[difficulty_sweep.Row])
         _draw(difficulty_sweep.chart, sweep, kept.figures / "difficulty.svg", (16.0, 7.5))

@@ -23,7 +23,7 @@ from grasp.loop import ControlLoop, Tick
 from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.simulated import cell_settings

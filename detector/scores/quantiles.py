@@ -29,7 +29,7 @@ class Quantiles:
 
 def quantiles(samples: Iterable[float | None]) -> Quantiles | None:
     """Quantiles of the samples, where None counts as infinity; None without samples."""
-    ordered = sorted(math.inf if sample is None else float(sample) for sample in samples)
+    ordered = sorted([math.inf if sample is None else float(sample) for sample in samples])
     if not ordered:
         return None
     values = (round(quantile(ordered, share), 3) for share in (0.1, 0.5, 0.9, 0.99, 1.0))

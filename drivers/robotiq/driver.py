@@ -12,13 +12,7 @@ import msgspec
 
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
-from drivers.robotiq.exchange import (
-    ACTIVATE,
-    RESET,
-    DriverSettings,
-    ExchangeStatistics,
-    RegisterTransport,
-)
+from drivers.robotiq.exchange import ACTIVATE, RESET, ExchangeStatistics, RegisterTransport
 from drivers.robotiq.hand_state import (
     STATUS_UNCHANGED_NS,
     Activation,
@@ -32,13 +26,12 @@ from drivers.robotiq.hand_state import (
 from drivers.robotiq.protocol import (
     BASIC,
     FAULTS,
-    AxisCommand,
     CommandRegisters,
     Severity,
     check_not_scissor,
 )
 
-__all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
+__all__ = ["ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
 LATE_READ_COUNTS = 2  # lag of a position, by refresh and read
 
@@ -187,19 +180,21 @@ class RobotiqDriver(HandTracker):
         command = self._registers(targets, speed, forces, spread)
         if self._exchange.lost:
             return self._not_sent(_LINK_LOST)
-        still = [self._no_motion_reason(i, command.axes[i], state) for i in range(FINGERS)]
+        still = self._no_motion_reasons(command, state)
         for i, byte in enumerate(forces):
             if not still[i]:
                 self._grip_bytes[i] = byte
         self._exchange.request(command)
         return self._applied(command, "" if "" in still else "; ".join(sorted(set(still))))
 
-    def _no_motion_reason(self, i: int, axis: AxisCommand, state: GripperState) -> str:
+    def _no_motion_reasons(self, command: CommandRegisters, state: GripperState) -> list[str]:
+        """Why each finger will not move; empty where it may."""
         if not self._fresh:
-            return ""  # stale detections are not conclusive
-        requested = self._exchange.requested
-        position = requested.axes[i].position if requested and requested.go_to else None
-        return no_motion_reason(state.fingers[i], axis, position, self._grip_bytes[i])
+            return [""] * FINGERS  # stale detections are not conclusive
+        last = self._exchange.requested
+        known = last.axes if last is not None and last.go_to else (None,) * FINGERS
+        fingers = zip(state.fingers, command.axes, known, self._grip_bytes, strict=False)
+        return [no_motion_reason(finger, axis, was, byte) for finger, axis, was, byte in fingers]
 
     # Results of verbs
 
@@ -225,7 +220,7 @@ class RobotiqDriver(HandTracker):
         return Applied(
             targets_counts=(a.position, b.position, c.position),
             speed_mps=self._calibration.speed_mps(a.speed),
-            force_n=self._calibration.force_n(max(axis.force for axis in command.axes)),
+            force_n=self._calibration.force_n(max([axis.force for axis in command.axes])),
             effective=not note,
             note=note,
         )

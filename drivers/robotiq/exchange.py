@@ -1,10 +1,9 @@
 """Register exchange with the gripper: requested registers, written registers, confirmed status."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Literal, Protocol
+from typing import Protocol
 
 import msgspec
-from msgspec import Meta
 
 from drivers.errors import LinkLost
 from drivers.robotiq.protocol import (
@@ -14,7 +13,9 @@ from drivers.robotiq.protocol import (
     CommandRegisters,
     Registers,
     StatusRegisters,
+    to_bytes,
 )
+from drivers.robotiq.settings import DriverSettings
 
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
@@ -30,27 +31,6 @@ class RegisterTransport(Protocol):
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None: ...
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]: ...
-
-
-class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the gripper driver. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
-
-    calibration: Annotated[
-        str, Meta(description="a name in config/calibrations, or a .toml file of this hand")
-    ] = ""
-    link: Annotated[
-        Literal["tcp", "rtu"],
-        Meta(description="Modbus link whose registers are used; manual p. 59, 75"),
-    ] = "tcp"
-    refresh_hz: Annotated[
-        Literal[100, 200], Meta(description="register refresh rate of the hand, Hz; manual p. 75")
-    ] = 100
-    write_interval_s: Annotated[
-        float, Meta(ge=0.005, le=0.1, description="s, least time between two writes; manual p. 75")
-    ] = 0.01
-    whole_writes: Annotated[
-        bool, Meta(description="write all registers every time, for a hand that requires it")
-    ] = False
 
 
 class ExchangeStatistics(msgspec.Struct):
@@ -110,6 +90,7 @@ class Exchange:
         self.unconfirmed = False  # no status has reflected the last write yet
         self._status_registers: Registers | None = None  # of the last status that decoded
         self._status = StatusRegisters()
+        self._taken: StatusRegisters | None = None  # the last status that was compared with writes
         self.overwritten = ""  # first sign of another client's write in this poll
         self.lost = False
         self.last_write_hex = ""  # latest acknowledged write that changed a register
@@ -151,7 +132,7 @@ class Exchange:
     @property
     def confirmed(self) -> bool:
         """Whether everything requested was written and the status reflects it."""
-        return self._status_current and self.all_written and not self.lost
+        return self._status_current and self._image == self._written_image and not self.lost
 
     def settled(self, now_ns: int) -> bool:
         """Whether everything requested was written two register refreshes ago or earlier."""
@@ -168,21 +149,26 @@ class Exchange:
         """
         self.overwritten = ""
         try:
-            if not self.lost and self._write_due(now_ns) and self._may_write(now_ns):
+            unwritten = self._image != self._written_image and not self.lost
+            if unwritten and self._write_due(now_ns) and self._may_write(now_ns):
                 self._write(now_ns)
             status = self._read(now_ns)
-            rewrite = status is not None and self._update_confirmation(status, now_ns)
+            if status is None:
+                return None
+            if status is self._taken and self._status_current:
+                rewrite = False  # it confirms the last write again
+            else:
+                rewrite = self._update_confirmation(status, now_ns)
             if rewrite and not self.lost and self._write_due(now_ns):
                 self._write(now_ns)
-            elif status is not None:
+            elif False in self._stationary:
                 self._repeat_in_motion(status, now_ns)
         except LinkLost:
             self.statistics.link_losses += not self.lost
             self.lost, self._status_current, self._device_register0 = True, False, None
             raise
-        if status is not None:
-            self.statistics.reconnects += self.lost
-            self.lost = False
+        self.statistics.reconnects += self.lost
+        self.lost = False
         return status
 
     def _write_due(self, now_ns: int) -> bool:
@@ -222,7 +208,7 @@ class Exchange:
         self._written_image, self._written_ns = image, now_ns
 
     def _repeat_in_motion(self, status: StatusRegisters, now_ns: int) -> None:
-        """Write the same image again at each refresh while a finger moves.
+        """Write the same image again at each refresh; called while a finger moves.
 
         Nothing else restores a speed and force that another client has set. The hand does not take
         an equal image for a new request.
@@ -230,7 +216,7 @@ class Exchange:
         commanded, image = self._commanded, self._image
         if commanded is None or not commanded.go_to or image is None:
             return
-        if self.lost or not self.all_written or all(self._stationary) or not status.active:
+        if self.lost or not self.all_written or not status.active:
             return
         if image[0] != self._device_register0 or self._whole_writes:
             return
@@ -241,7 +227,7 @@ class Exchange:
     def _send(self, first: int, image: Registers, now_ns: int) -> None:
         self._transport.write(self._link.command_register + first, image[first:], now_ns)
         self.acknowledged_ns = now_ns if self._clock is None else self._clock()
-        words = "".join(f"{register:04x}" for register in image[first:])
+        words = to_bytes(image)[2 * first :].hex()
         if not (first and self.last_write_hex.endswith(words)):  # not a repetition
             self.last_write_hex, self.last_write_ns = words, self.acknowledged_ns
 
@@ -261,10 +247,11 @@ class Exchange:
     def _update_confirmation(self, status: StatusRegisters, now_ns: int) -> bool:
         """Update whether the status reflects the last write; until then it may describe the
         previous motion. Returns whether to write again because of another client."""
+        a, b, c = status.a, status.b, status.c
         were_stationary = self._stationary
-        self._stationary = tuple(finger.detection != 0 for finger in status.fingers)
+        self._stationary = (a.detection != 0, b.detection != 0, c.detection != 0)
         was_current = self._status_current  # false after a new write
-        self._echo = (int(status.go_to), *(finger.echo for finger in status.fingers))
+        self._taken, self._echo = status, (int(status.go_to), a.echo, b.echo, c.echo)
         expected = self._expected_echo()
         conclusive = was_current or self._echo_will_change or self._refreshed_twice(now_ns)
         self._status_current = conclusive and expected == self._echo
@@ -272,14 +259,13 @@ class Exchange:
         if self._status_current:
             self._own_echoes.clear()
             self._foreign_echo = None
-        if self._is_foreign(expected, status, now_ns):
+        if self._echo != expected and self._is_foreign(expected, status, now_ns):
             if self._foreign_echo is None:
                 self.overwritten = _difference(self._echo, expected)
             self._foreign_echo = self._echo
             self.rewrite()
             return True
-        pairs = zip(were_stationary, self._stationary, strict=False)
-        started = any(before and not now for before, now in pairs)
+        started = (True, False) in zip(were_stationary, self._stationary, strict=False)
         in_position_control = self._commanded is not None and self._commanded.go_to
         if started and was_current and self._status_current and in_position_control:
             if now_ns - self.written_ns > _MOTION_START_NS:
@@ -293,13 +279,13 @@ class Exchange:
         return False
 
     def _is_foreign(self, expected: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
-        """Whether the status shows values that this exchange did not write.
+        """Whether a status with another echo shows values that this exchange did not write.
 
         Values from before the last write are accepted, since that may not be taken up yet. For two
         refreshes, so are mixtures of recent writes and a foreign value already overwritten.
         """
         commanded, echo = self._commanded, self._echo
-        if echo == expected or commanded is None or commanded in (RESET, ACTIVATE):
+        if commanded is None or commanded in (RESET, ACTIVATE):
             return False
         if not status.ready or status.mode != commanded.mode:  # targets are not obeyed
             return False

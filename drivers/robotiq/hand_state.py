@@ -15,7 +15,6 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.exchange import (
     ACTIVATE,
     RESET,
-    DriverSettings,
     Exchange,
     ExchangeStatistics,
     RegisterTransport,
@@ -33,6 +32,7 @@ from drivers.robotiq.protocol import (
     Severity,
     StatusRegisters,
 )
+from drivers.robotiq.settings import DriverSettings
 
 _ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
@@ -76,7 +76,9 @@ class HandTracker:
         self._clock = clock
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log, clock)
-        self._status: StatusRegisters | None = None
+        self._status: StatusRegisters | None = None  # the next two are derived from it
+        self._fault = FAULTS[0]
+        self._active = False  # the hand obeys motion commands
         self.mode = 0  # rMOD at connection or activation: another one would open the hand
         self._other_mode = False  # the status reports another mode
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
@@ -144,10 +146,15 @@ class HandTracker:
         if status is None:
             return
         overwritten = self._exchange.overwritten
-        changed, self._status = status is not self._status, status
+        changed = status is not self._status
+        if changed:
+            self._status, self._fault = status, FAULTS[status.fault]
+            self._active = status.ready and self._fault.severity is not Severity.MAJOR
         if self._activation is not Activation.NONE or self._exchange.requested is None:
             self.mode = status.mode
-        unrequested = self._handle_reset(status, was_lost, now_ns)
+        unrequested = False
+        if was_lost or not self._active:
+            unrequested = self._handle_reset(status, was_lost, now_ns)
         if self._activation is not Activation.NONE:
             self._continue_activation(status, now_ns)
         self._publish(status, now_ns, changed)
@@ -158,10 +165,11 @@ class HandTracker:
             raise DeviceFault(_CHANGED.format(overwritten), _END_IT)
 
     def _handle_reset(self, status: StatusRegisters, was_lost: bool, now_ns: int) -> bool:
-        """Respond to an unrequested reset; returns whether the hand activates unrequested."""
+        """Respond to an unrequested reset; returns whether the hand activates unrequested. Called
+        where the link was lost or the hand is not active."""
         requested, idle = self._exchange.requested, self._activation is Activation.NONE
         activating = status.active and status.initialization == 1 and idle
-        stopped = FAULTS[status.fault].severity is Severity.MAJOR
+        stopped = self._fault.severity is Severity.MAJOR
         allowed = requested in (None, ACTIVATE) or (requested == RESET and not was_lost)
         if activating and not allowed and not stopped:
             # it lost power between a read and the next write, which set rACT
@@ -197,12 +205,10 @@ class HandTracker:
             self._changed_ns = now_ns
             self._fingers = finger_states(status)
         self._seq += 1
-        fault = FAULTS[status.fault]
-        active = status.ready and fault.severity is not Severity.MAJOR
-        written = self._exchange.last_write_hex, self._exchange.last_write_ns
+        exchange, fault = self._exchange, self._fault
         self._state = GripperState(
-            now_ns, self._seq, active, status.fault, fault.text, self._fresh, self._fingers,
-            took_ns, *written,
+            now_ns, self._seq, self._active, fault.code, fault.text, self._fresh, self._fingers,
+            took_ns, exchange.last_write_hex, exchange.last_write_ns,
         )  # fmt: skip
 
     def _has_jumped(self, status: StatusRegisters, now_ns: int) -> bool:
@@ -212,10 +218,10 @@ class HandTracker:
             return False
         reach = JUMP_TOLERANCE_COUNTS + MAX_SPEED_COUNTS_PS * (now_ns - self._state.t_ns) * 1e-9
         pairs = zip(self._fingers, status.fingers, strict=True)
-        return any(abs(was.position_counts - now.position) > reach for was, now in pairs)
+        return max([abs(was.position_counts - now.position) for was, now in pairs]) > reach
 
     def _raise_fault(self, status: StatusRegisters, now_ns: int) -> None:
-        fault = FAULTS[status.fault]
+        fault = self._fault
         major = fault.severity is Severity.MAJOR
         onset = major and fault.code != self._raised_fault
         self._raised_fault = fault.code if major else 0
@@ -223,7 +229,8 @@ class HandTracker:
             if self._activation is not Activation.RESTARTING:
                 self._activation = Activation.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
-        was_other, self._other_mode = self._other_mode, status.ready and status.mode != self.mode
+        was_other = self._other_mode
+        self._other_mode = status.mode != self.mode and status.ready
         if self._other_mode and not was_other:
             raise DeviceFault(_OTHER_MODE.format(status.mode, self.mode), _WHO_ELSE)
         if self._activation is not Activation.NONE and now_ns > self._deadline_ns:
@@ -266,7 +273,7 @@ class HandTracker:
 
 def finger_states(status: StatusRegisters) -> tuple[FingerState, FingerState, FingerState]:
     """States of all fingers. In scissor mode B and C count as moving while the scissor moves."""
-    a, b, c = (finger_state(axis, status) for axis in status.fingers)
+    a, b, c = [finger_state(axis, status) for axis in status.fingers]
     if status.mode == SCISSOR and status.go_to and _DETECTIONS[status.scissor.detection] is _MOVING:
         b, c = (msgspec.structs.replace(finger, detection=_MOVING) for finger in (b, c))
     return a, b, c
@@ -303,9 +310,9 @@ def motion_registers(
 
     ``mode`` must be the hand's present mode: another one would open the fingers first.
     """
-    a, b, c = (
+    a, b, c = [
         AxisCommand(target, speed, byte) for target, byte in zip(targets, forces, strict=True)
-    )
+    ]
     return CommandRegisters(
         activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c
     )
@@ -348,17 +355,17 @@ def closing_targets(
 
 
 def no_motion_reason(
-    finger: FingerState, axis: AxisCommand, requested: int | None, grip_byte: int
+    finger: FingerState, axis: AxisCommand, last: AxisCommand | None, grip_byte: int
 ) -> str:
     """Reason why a request will not move a finger, by a fresh status; empty when it may move.
 
-    ``requested`` is the position last requested, ``grip_byte`` the force byte it closed with.
+    ``last`` is the request before, ``grip_byte`` the force byte that the finger closed with.
     """
     if finger.detection is Detection.MOVING:
         return ""
     if finger.detection is Detection.CONTACT_CLOSING and axis.force <= grip_byte:
         if axis.position > finger.position_counts:
             return LATCHED_NOTE
-    elif finger.detection is Detection.AT_TARGET and axis.position == requested:
+    elif finger.detection is Detection.AT_TARGET and last and axis.position == last.position:
         return AT_TARGET_NOTE
     return AT_TARGET_NOTE if axis.position == finger.position_counts else ""

@@ -5,6 +5,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Final, Self
 
 import msgspec
@@ -24,11 +26,23 @@ _LOCK_WAIT_S: Final = 0.002  # longest wait of a verb for an exchange: most are 
 # Time without a poll after which the program is taken to hang. By then the heartbeat (0.15 s) has
 # braked the arm, and a step this late ends the run in a fault (monitors.standstill_s).
 _HANG_NS: Final = 1_000_000_000
+# The thread reads this long before the next poll is expected, so that a poll finds a recent status
+# and a command after it waits for no exchange. Assumed: most exchanges take less.
+_LEAD_NS: Final = 3_000_000
 _DEFERRED_NOTE = "the hand has not replied yet: the command is sent as soon as it has"
 
 _LOG = logging.getLogger(__name__)
 
 _Verb = Callable[[], Applied]
+
+
+def next_tick_ns(tick_ns: int, polled_ns: int | None, period_ns: int, now_ns: int) -> int:
+    """Time of the thread's next exchange, at least half a period from now. Ticks are whole periods
+    apart, and ``_LEAD_NS`` before the caller's polls once it polls (``polled_ns``)."""
+    if polled_ns is not None:
+        tick_ns = polled_ns - _LEAD_NS
+    periods = (now_ns + period_ns // 2 - tick_ns) // period_ns + 1
+    return tick_ns + periods * period_ns
 
 
 class ThreadedGripper:
@@ -58,7 +72,7 @@ class ThreadedGripper:
         self._period_ns = round(period_s * 1e9)
         self._interval_ns = round(write_interval_s * 1e9)
         self._lock = threading.Lock()  # guards the core
-        self._wake = threading.Event()
+        self._wake: SimpleQueue[None] = SimpleQueue()  # ends the thread's wait for its next tick
         self._refreshed = threading.Event()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -70,6 +84,7 @@ class ThreadedGripper:
         self._fallback: tuple[Callable[[Gripper], Applied], str] | None = None
         self._fallback_sent = False
         self._polled_ns = 0
+        self._poll_ns: int | None = None  # time given with the last ``poll``
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
         self._deferred: tuple[int, _Verb] | None = None  # until the exchange in flight is over
         self._deferred_lock = threading.Lock()  # guards ``_deferred``; never held for long
@@ -96,7 +111,7 @@ class ThreadedGripper:
         if thread is None:
             return
         self._stopping.set()
-        self._wake.set()
+        self._wake.put(None)
         thread.join(_JOIN_S)
         if thread.is_alive():
             message = f"the gripper's thread did not end within {_JOIN_S:g} s"
@@ -159,6 +174,7 @@ class ThreadedGripper:
         oldest one that was not raised before.
         """
         self._mark_polled()
+        self._poll_ns = now_ns
         if self._bugs:
             raise self._bugs[0] if self._thread_ended else self._bugs.pop(0)
         if self._errors:
@@ -228,7 +244,7 @@ class ThreadedGripper:
                 self._lock.release()
         with self._deferred_lock:
             self._deferred = called_ns, verb
-        self._wake.set()
+        self._wake.put(None)
         return request
 
     def _execute(self, called_ns: int, verb: _Verb) -> Applied:
@@ -237,7 +253,7 @@ class ThreadedGripper:
         self._state = self._core.state  # no longer fresh
         if self._commanded_ns is None:
             self._commanded_ns = called_ns
-        self._wake.set()
+        self._wake.put(None)
         return applied
 
     # Thread
@@ -251,7 +267,8 @@ class ThreadedGripper:
                     return
                 now_ns = self._clock()
                 self._exchange(now_ns)
-                tick_ns, bugs = self._next_tick(tick_ns, now_ns), 0
+                tick_ns = next_tick_ns(tick_ns, self._poll_ns, self._period_ns, now_ns)
+                bugs = 0
             except BaseException as bug:  # ``poll`` raises it in the caller's thread
                 bugs += 1
                 self._thread_ended = bugs == _MAX_BUGS  # set before the bug can be raised
@@ -263,13 +280,10 @@ class ThreadedGripper:
         """Wait until the tick, until a delayed command may be sent, or until a verb is called."""
         if self._commanded_ns is not None:
             tick_ns = min(tick_ns, self._written_ns + self._interval_ns)
-        self._wake.wait(max(0, tick_ns - self._clock()) / _NS)
-        self._wake.clear()
-
-    def _next_tick(self, tick_ns: int, now_ns: int) -> int:
-        """The first tick after now; ticks that have passed are skipped."""
-        passed = (now_ns - tick_ns) // self._period_ns + 1
-        return tick_ns + max(0, passed) * self._period_ns
+        with suppress(Empty):
+            self._wake.get(timeout=max(0, tick_ns - self._clock()) / _NS)
+            while True:  # one exchange serves all verbs so far
+                self._wake.get_nowait()
 
     def _exchange(self, now_ns: int) -> None:
         with self._lock:

@@ -9,15 +9,14 @@ import struct
 import termios
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-import msgspec
-from msgspec import Meta
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
 from drivers.errors import LinkLost
+from drivers.robotiq.settings import ModbusSettings
 
 _BAUD: Final = 115200  # 8N1, manual p. 59
 UNIT: Final = 2  # over TCP, manual p. 75; the gripper replies to any
@@ -30,26 +29,6 @@ _FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.err
 
 # pymodbus logs lost links and malformed replies; here they are raised as errors instead.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
-
-
-class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Address of the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
-
-    host: Annotated[
-        str, Meta(description="the gripper's IP address, 192.168.1.11 as shipped; empty: not set")
-    ] = ""
-    port: Annotated[
-        int, Meta(ge=1, le=65535, description="the gripper's TCP port; manual p. 75")
-    ] = 502
-    serial_port: Annotated[
-        str, Meta(description="serial device for Modbus RTU; empty: not set")
-    ] = ""
-    slave: Annotated[
-        int, Meta(ge=1, le=247, description="slave number for Modbus RTU; manual p. 59")
-    ] = 9
-    timeout_s: Annotated[
-        float, Meta(ge=0.01, le=1, description="longest wait for a reply or a connection, s")
-    ] = 0.1
 
 
 class ModbusTransport:

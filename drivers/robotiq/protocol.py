@@ -85,7 +85,8 @@ class AxisCommand(msgspec.Struct, frozen=True):
     force: int = 0
 
     def __post_init__(self) -> None:
-        if not all(0 <= byte <= FULL_BYTE for byte in (self.position, self.speed, self.force)):
+        values = self.position, self.speed, self.force
+        if min(values) < 0 or max(values) > FULL_BYTE:
             raise ValueError(f"{self}: position, speed and force need 0 to {FULL_BYTE}")
 
 
@@ -113,8 +114,8 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     def to_bytes(self) -> bytes:
         action = self.activate | self.mode << 1 | self.go_to << 3  # rATR, bit 4, is never set
         options = self.individual_fingers << 2 | self.individual_scissor << 3
-        axes = (value for axis in self.axes for value in (axis.position, axis.speed, axis.force))
-        return bytes((action, options, 0, *axes, 0))
+        a, b, c, scissor = map(msgspec.structs.astuple, self.axes)
+        return bytes((action, options, 0, *a, *b, *c, *scissor, 0))
 
     def to_registers(self) -> Registers:
         return to_registers(self.to_bytes())
@@ -161,10 +162,6 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
         if len(data) != BYTES:
             raise ValueError(f"{len(data)} bytes, need {BYTES}")
         state, detections = data[0], data[1]
-        a, b, c, scissor = (
-            AxisStatus(data[at], data[at + 1], data[at + 2], detections >> shift & 3)
-            for at, shift in ((3, 0), (6, 2), (9, 4), (12, 6))
-        )
         return cls(
             active=bool(state & 1),
             mode=state >> 1 & 3,
@@ -172,10 +169,10 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
             initialization=state >> 4 & 3,
             stopped=state >> 6,
             fault=data[2] & 0x0F,
-            a=a,
-            b=b,
-            c=c,
-            scissor=scissor,
+            a=AxisStatus(data[3], data[4], data[5], detections & 3),
+            b=AxisStatus(data[6], data[7], data[8], detections >> 2 & 3),
+            c=AxisStatus(data[9], data[10], data[11], detections >> 4 & 3),
+            scissor=AxisStatus(data[12], data[13], data[14], detections >> 6),
         )
 
     @classmethod

@@ -16,6 +16,8 @@ from drivers.takktile import protocol
 from drivers.takktile.protocol import Layout, UsbRequest
 
 Codes = NDArray[np.int16]
+CodePair = tuple[Codes, Codes]  # pressure, temperature
+Frame = bytes | CodePair  # a board model in this process may give codes
 
 READ_TIMEOUT_MS = 100  # a sampling board sends a frame within 10 ms
 _DRAIN_READS = 8  # more than a stopped board can have in its pipe
@@ -74,11 +76,15 @@ class Missed(Enum):
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """A frame of the right length, not yet decoded."""
+    """A complete frame, not yet decoded."""
 
-    data: bytes
+    frame: Frame
     sampled_ns: int  # best estimate of when it was converted
-    done_ns: int  # when its read completed
+
+    def codes(self, cells: int) -> CodePair | None:
+        """Codes of the cells in frame order; None when they are implausible."""
+        frame = self.frame
+        return protocol.parse_frame(frame, cells) if isinstance(frame, bytes) else frame
 
 
 class Board:
@@ -90,7 +96,7 @@ class Board:
         # a code is the pressure at about the middle of its conversion
         self._delay_ns = round(conversion_ms * 1e6 / 2)
         self._layout: Layout | None = None  # None until the board has been opened
-        self._conversion_start_ns = 0
+        self.conversion_start_ns = 0  # when the last read, good or bad, completed
 
     @property
     def layout(self) -> Layout | None:
@@ -100,7 +106,7 @@ class Board:
     @property
     def next_sample_ns(self) -> int:
         """Sample time of the running conversion, which the latest read started."""
-        return self._conversion_start_ns + self._delay_ns
+        return self.conversion_start_ns + self._delay_ns
 
     def open(self, now_ns: int) -> Layout:
         """Stop, drain and scan; ``start`` comes next.
@@ -124,7 +130,7 @@ class Board:
         """Start sampling; the pipe is emptied."""
         if self._link.control(UsbRequest.TIMER, self._ticks, _START, 1, now_ns) != b"\x01":
             raise DeviceFault("the tactile board did not start sampling", "replug it, open again")
-        self._conversion_start_ns = now_ns
+        self.conversion_start_ns = now_ns
 
     def stop(self, now_ns: int) -> None:
         """Stop sampling; ``start`` resumes it."""
@@ -142,16 +148,15 @@ class Board:
         transfer = self._link.bulk_read(protocol.READ_BYTES, now_ns)
         if transfer is None:
             return Missed.TIMEOUT
-        # Reading a frame, good or bad, makes the board convert the next one.
-        sampled_ns, self._conversion_start_ns = self._conversion_start_ns, transfer.done_ns
         if len(transfer.data) != self._layout.frame_bytes:
             self._resync(transfer, now_ns)
             return Missed.WRONG_LENGTH
-        return Reading(transfer.data, sampled_ns + self._delay_ns, transfer.done_ns)
+        return self.reading(transfer.data, transfer.done_ns)
 
-    def skip_frame(self, done_ns: int) -> None:
-        """Note a read whose frame is not needed; it started the next conversion."""
-        self._conversion_start_ns = done_ns
+    def reading(self, frame: Frame, done_ns: int) -> Reading:
+        """The reading of a complete frame whose read ended at ``done_ns``."""
+        started_ns, self.conversion_start_ns = self.conversion_start_ns, done_ns
+        return Reading(frame, started_ns + self._delay_ns)
 
     def _resync(self, part: Transfer | None, now_ns: int) -> None:
         """Discard the rest of a frame that was cut off between packets, up to its short packet.
@@ -159,7 +164,7 @@ class Board:
         for _ in range(_RESYNC_READS):
             if part is None:
                 return
-            self._conversion_start_ns = part.done_ns
+            self.conversion_start_ns = part.done_ns
             if not part.data or len(part.data) % protocol.PACKET_BYTES:
                 return
             part = self._link.bulk_read(protocol.READ_BYTES, now_ns)

@@ -13,128 +13,14 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused, on_failure
 from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
-from drivers.takktile import protocol
 from drivers.takktile.board import Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Readings, ReceiverCounts
+from drivers.takktile.receiver import Receiver
 from drivers.takktile.settings import (
     REST_REFERENCE_TOLERANCE_COUNTS,
     REST_SAMPLES,
     TakkTileSettings,
 )
-
-
-class FrameAssembly:
-    """Makes the latest frame from one reading per tick; a tick without one repeats the frame."""
-
-    def __init__(self, settings: TakkTileSettings) -> None:
-        self._settings = settings
-        self._max_age_ns = round(settings.max_age_ms * 1e6)
-        self._cells = 0
-        self._order = np.zeros((FINGERS, settings.taxels), np.intp)  # of taxels in the bulk frame
-        self._frame: TactileFrame | None = None
-        self._latest_raw: Codes | None = None
-        self._rest: Codes | None = None
-        self._rest_samples: list[Codes] | None = None  # while rest is being taken
-        self._rest_start_ns = 0
-        self._seq = 0
-        self._frames = 0
-        self._missed = dict.fromkeys(Missed, 0)
-
-    @property
-    def frame(self) -> TactileFrame | None:
-        return self._frame
-
-    @property
-    def latest_raw(self) -> Codes | None:
-        """(3, taxels) int16 codes of the last good sample, also before rest; None before that."""
-        return self._latest_raw
-
-    @property
-    def rest_taken(self) -> bool:
-        return self._rest is not None
-
-    @property
-    def frames(self) -> int:
-        """Samples used so far."""
-        return self._frames
-
-    @property
-    def missed(self) -> dict[str, int]:
-        """Ticks without a sample so far, by cause."""
-        return {cause.value: count for cause, count in self._missed.items()}
-
-    def set_layout(self, layout: Layout) -> None:
-        """Set the board's layout; ``DeviceFault`` when a mapped cell is not alive."""
-        self._order = _frame_order(layout, self._settings)
-        self._cells = layout.frame_cells
-
-    def clear_rest(self) -> None:
-        self._rest = self._rest_samples = self._frame = None
-
-    def begin_rest(self, after_ns: int) -> None:
-        """Take rest counts from samples converted after ``after_ns``."""
-        self.clear_rest()
-        self._rest_samples = []
-        self._rest_start_ns = after_ns
-
-    def tick(self, reading: Reading | Missed, now_ns: int) -> None:
-        """Advance the grid by a tick; ``Refused`` when that completes implausible rest counts."""
-        self._seq += 1
-        if isinstance(reading, Missed):
-            self._miss(reading, now_ns)
-            return
-        codes = self._decode(reading, now_ns)
-        if isinstance(codes, Missed):
-            self._miss(codes, now_ns)
-            return
-        raw, temperature = codes
-        raw.flags.writeable = temperature.flags.writeable = False
-        self._frames += 1
-        self._latest_raw = raw
-        # The first sample after begin_rest was converted before it, while the hand may have moved.
-        if self._rest_samples is not None and reading.sampled_ns > self._rest_start_ns:
-            self._take_rest(raw, self._rest_samples)
-        if self._rest is not None:
-            counts = raw - self._rest
-            counts.flags.writeable = False
-            self._frame = TactileFrame(
-                now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
-            )
-
-    def _decode(self, reading: Reading, now_ns: int) -> tuple[Codes, Codes] | Missed:
-        """(3, taxels) pressure and temperature codes."""
-        if now_ns - reading.sampled_ns > self._max_age_ns:
-            return Missed.TOO_OLD
-        codes = protocol.parse_frame(reading.data, self._cells)
-        if codes is None:
-            return Missed.IMPLAUSIBLE
-        pressure, temperature = codes
-        return pressure.take(self._order), temperature.take(self._order)
-
-    def _miss(self, cause: Missed, now_ns: int) -> None:
-        self._missed[cause] += 1
-        if self._frame is None:
-            return
-        missed = self._frame.missed + 1
-        self._frame = msgspec.structs.replace(
-            self._frame,
-            t_ns=now_ns,
-            seq=self._seq,
-            missed=missed,
-            stale=missed >= self._settings.stale_after_missed,
-        )
-
-    def _take_rest(self, raw: Codes, samples: list[Codes]) -> None:
-        samples.append(raw)
-        if len(samples) < REST_SAMPLES:
-            return
-        self._rest_samples = None
-        taken = np.stack(samples)
-        rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
-        _check_rest(rest, taken.std(axis=0), self._settings)
-        rest.flags.writeable = False
-        self._rest = rest
 
 
 def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]:
@@ -193,12 +79,7 @@ class FrameLink(Protocol):
     """Source of a board's frames: ``ReadingThread`` in wall time, ``ModelLink`` in virtual time."""
 
     @property
-    def counts(self) -> ReceiverCounts: ...
-
-    @property
-    def next_sample_ns(self) -> int:
-        """Sample time of the running conversion."""
-        ...
+    def receiver(self) -> Receiver: ...
 
     def start(self) -> Layout:
         """Find and open the board and start reading; raises ``LinkLost`` or ``DeviceFault``."""
@@ -206,10 +87,6 @@ class FrameLink(Protocol):
 
     def stop(self) -> None:
         """Stop reading and stop the board; safe to call twice."""
-        ...
-
-    def take(self) -> Readings:
-        """Readings since the last call; does not wait."""
         ...
 
 
@@ -235,24 +112,34 @@ class TakkTileDriver:
     """
 
     def __init__(self, link: FrameLink, settings: TakkTileSettings) -> None:
-        self._link = link
-        self._fingertips = FrameAssembly(settings)
+        self.frame: TactileFrame | None = None
+        # (3, taxels) codes of the last good sample, also before rest; None before that
+        self.latest_raw: Codes | None = None
+        self._link, self._receiver, self._settings = link, link.receiver, settings
+        self._max_age_ns = round(settings.max_age_ms * 1e6)
+        self._cells = 0
+        self._order = np.zeros((FINGERS, settings.taxels), np.intp)  # of taxels in the bulk frame
         self._opens = 0
-        self._decimated = 0
+        self._rest: Codes | None = None
+        self._rest_samples: list[Codes] | None = None  # while rest is being taken
+        self._rest_start_ns = 0
+        self._seq = self._frames = self._decimated = 0
+        self._missed = dict.fromkeys(Missed, 0)
 
     def start(self) -> Self:
         """Open the board, check the taxel map, start reading; raises ``LinkLost`` or
         ``DeviceFault``."""
         layout = self._link.start()
-        self._opens = self._link.take().opens
+        self._opens = self._receiver.take().opens
         with on_failure(self._link.stop):
-            self._fingertips.set_layout(layout)
+            self._order = _frame_order(layout, self._settings)
+        self._cells = layout.frame_cells
         return self
 
     def stop(self) -> None:
         """Stop the board; safe to call twice."""
         self._link.stop()
-        self._fingertips.clear_rest()
+        self._clear_rest()
 
     def __enter__(self) -> Self:
         return self.start()
@@ -266,33 +153,24 @@ class TakkTileDriver:
         self.stop()
 
     @property
-    def frame(self) -> TactileFrame | None:
-        return self._fingertips.frame
-
-    @property
-    def latest_raw(self) -> Codes | None:
-        """(3, taxels) int16 codes of the last good sample, also before rest; None before that."""
-        return self._fingertips.latest_raw
-
-    @property
     def rest_taken(self) -> bool:
-        return self._fingertips.rest_taken
+        return self._rest is not None
 
     @property
     def statistics(self) -> TakkTileStatistics:
-        missed = self._fingertips.missed
         return TakkTileStatistics(
-            frames=self._fingertips.frames,
+            frames=self._frames,
             decimated=self._decimated,
-            empty_ticks=missed[Missed.TIMEOUT.value],
-            implausible=missed[Missed.IMPLAUSIBLE.value],
-            too_old=missed[Missed.TOO_OLD.value],
-            **msgspec.structs.asdict(self._link.counts),
+            empty_ticks=self._missed[Missed.TIMEOUT],
+            implausible=self._missed[Missed.IMPLAUSIBLE],
+            too_old=self._missed[Missed.TOO_OLD],
+            **msgspec.structs.asdict(self._receiver.counts),
         )
 
     def begin_rest(self) -> None:
-        # excludes a sample whose conversion has already started
-        self._fingertips.begin_rest(self._link.next_sample_ns)
+        self._clear_rest()
+        self._rest_samples = []
+        self._rest_start_ns = self._receiver.next_sample_ns
 
     def poll(self, now_ns: int) -> None:
         """Take the newest sample; a tick without one repeats the last frame.
@@ -301,11 +179,65 @@ class TakkTileDriver:
         when the sample completes implausible rest counts. After the board has been reopened there
         is no frame until the rest has been taken again.
         """
-        batch = self._link.take()
+        batch = self._receiver.take()
         if batch.opens != self._opens:
             self._opens = batch.opens
-            self._fingertips.clear_rest()
-        self._decimated += max(0, len(batch.readings) - 1)
-        self._fingertips.tick(batch.readings[-1] if batch.readings else Missed.TIMEOUT, now_ns)
+            self._clear_rest()
+        self._seq += 1
+        readings = batch.readings
+        self._decimated += len(readings[1:])
+        missed = self._use(readings[-1], now_ns) if readings else Missed.TIMEOUT
+        if missed is not None:
+            self._repeat_frame(missed, now_ns)
         if batch.error is not None:
             raise type(batch.error)(batch.error.message, batch.error.remedy)
+
+    def _use(self, reading: Reading, now_ns: int) -> Missed | None:
+        """Make the frame of a sample; returns the reason if it cannot be used."""
+        if now_ns - reading.sampled_ns > self._max_age_ns:
+            return Missed.TOO_OLD
+        codes = reading.codes(self._cells)
+        if codes is None:
+            return Missed.IMPLAUSIBLE
+        raw, temperature = codes[0].take(self._order), codes[1].take(self._order)
+        raw.setflags(write=False)
+        temperature.setflags(write=False)
+        self._frames += 1
+        self.latest_raw = raw
+        # A conversion that began before begin_rest may have measured a moving hand.
+        if self._rest_samples is not None and reading.sampled_ns > self._rest_start_ns:
+            self._take_rest(raw, self._rest_samples)
+        if self._rest is not None:
+            counts = raw - self._rest
+            counts.setflags(write=False)
+            self.frame = TactileFrame(
+                now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
+            )
+        return None
+
+    def _repeat_frame(self, cause: Missed, now_ns: int) -> None:
+        self._missed[cause] += 1
+        if self.frame is None:
+            return
+        missed = self.frame.missed + 1
+        self.frame = msgspec.structs.replace(
+            self.frame,
+            t_ns=now_ns,
+            seq=self._seq,
+            missed=missed,
+            stale=missed >= self._settings.stale_after_missed,
+        )
+
+    def _clear_rest(self) -> None:
+        self._rest = self._rest_samples = self.frame = None
+
+    def _take_rest(self, raw: Codes, samples: list[Codes]) -> None:
+        samples.append(raw)
+        if len(samples) < REST_SAMPLES:
+            return
+        self._rest_samples = None
+        taken = np.stack(samples)
+        rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
+        _check_rest(rest, taken.std(axis=0), self._settings)
+        rest.setflags(write=False)
+        self._rest = rest

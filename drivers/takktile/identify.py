@@ -8,7 +8,6 @@ import numpy as np
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import FINGER_NAMES
-from drivers.takktile import protocol
 from drivers.takktile.board import Board, BoardLink, Codes, Missed
 from drivers.takktile.protocol import Cell, Layout
 from drivers.takktile.settings import TakkTileSettings
@@ -84,6 +83,6 @@ def _frames(
         reading = board.read(now_ns)
         if isinstance(reading, Missed):
             continue
-        codes = protocol.parse_frame(reading.data, layout.frame_cells)
+        codes = reading.codes(layout.frame_cells)
         if codes is not None:
             yield codes[0]

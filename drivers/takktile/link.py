@@ -21,7 +21,7 @@ from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.takktile import protocol
 from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
 from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID, Layout
-from drivers.takktile.receiver import Connect, Readings, Receiver, ReceiverCounts
+from drivers.takktile.receiver import Connect, Receiver
 from drivers.takktile.settings import TakkTileSettings
 
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
@@ -231,23 +231,12 @@ class ReadingThread:
         settings: TakkTileSettings,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._receiver = Receiver(connect, settings.conversion_ms, clock)
+        self.receiver = Receiver(connect, settings.conversion_ms, clock)
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
 
-    @property
-    def counts(self) -> ReceiverCounts:
-        return self._receiver.counts
-
-    @property
-    def next_sample_ns(self) -> int:
-        return self._receiver.next_sample_ns
-
-    def take(self) -> Readings:
-        return self._receiver.take()
-
     def start(self) -> Layout:
-        layout = self._receiver.open()
+        layout = self.receiver.open()
         self._stopping.clear()
         self._thread = threading.Thread(target=self._run, name="takktile-reader", daemon=True)
         self._thread.start()
@@ -263,7 +252,7 @@ class ReadingThread:
         self._thread = None
 
     def _run(self) -> None:
-        receiver = self._receiver
+        receiver = self.receiver
         try:
             while not self._stopping.is_set():
                 if pause_ns := receiver.receive():

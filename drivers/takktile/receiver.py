@@ -64,7 +64,7 @@ class Receiver:
         self._conversion_ms = conversion_ms
         self._clock = clock
         self._usb: UsbBoard | None = None
-        self._board: Board | None = None  # None while no board is open
+        self.board: Board | None = None  # None while no board is open
         self._serial: str | None = None
         self._layout: Layout | None = None
         self._bad_reads = 0  # reads in a row without a valid frame
@@ -84,7 +84,7 @@ class Receiver:
     @property
     def next_sample_ns(self) -> int:
         """Sample time of the running conversion; 0 while no board is open."""
-        board = self._board
+        board = self.board
         return 0 if board is None else board.next_sample_ns
 
     def take(self) -> Readings:
@@ -102,7 +102,7 @@ class Receiver:
             layout = board.open(self._clock())
             self._check_layout_unchanged(layout)
             board.start(self._clock())
-        self._board, self._serial, self._layout = board, self._usb.serial, layout
+        self.board, self._serial, self._layout = board, self._usb.serial, layout
         self._bad_reads, self._pause_ns = 0, _FIRST_PAUSE_NS
         with self._lock:
             self._ring.clear()
@@ -112,19 +112,19 @@ class Receiver:
 
     def close(self) -> None:
         """Stop the board and release it; safe to call twice."""
-        if self._board is not None:
+        if self.board is not None:
             with contextlib.suppress(GraspError):
-                self._board.close(self._clock())
+                self.board.close(self._clock())
         self._disconnect()
 
     def receive(self) -> int:
         """Read once, or try once to reopen the board; returns ns to wait before the next call."""
         try:
-            if self._board is None:
+            if self.board is None:
                 self.open()
                 self._count("reopens")
             else:
-                self._escalate(self._board, self._read(self._board))
+                self._read(self.board)
             return 0
         except GraspError as error:
             self.report(error)
@@ -133,29 +133,31 @@ class Receiver:
             self._pause_ns = min(2 * pause_ns, _MAX_PAUSE_NS)
             return pause_ns
 
-    def skip_frame(self, done_ns: int) -> None:
-        """Note a read whose frame is not needed, since a newer one follows before the next poll."""
-        if self._board is not None:
-            self._board.skip_frame(done_ns)
+    def accept(self, reading: Reading) -> None:
+        """Take a complete frame, which ends a series of bad reads."""
+        self._bad_reads = 0
+        with self._lock:
+            if len(self._ring) == RING_FRAMES:
+                self._counts["overruns"] += 1
+            self._ring.append(reading)
 
     def report(self, error: GraspError) -> None:
         """Report an error in every batch until the board has been reopened."""
         with self._lock:
             self._error = error
 
-    def _read(self, board: Board) -> int:
-        """Read once; returns the number of bad reads in a row."""
+    def _read(self, board: Board) -> None:
+        """Read once, and recover after bad reads in a row."""
         try:
             reading = board.read(self._clock())
         except DeviceFault:  # a halted endpoint: waiting does not help
-            return _CLEAR_AT if self._bad_reads < _CLEAR_AT else _REOPEN_AT
+            self._escalate(board, _CLEAR_AT if self._bad_reads < _CLEAR_AT else _REOPEN_AT)
+            return
         if isinstance(reading, Missed):
             self._count(reading.value)
-            return self._bad_reads + 1
-        with self._lock:
-            self._counts["overruns"] += len(self._ring) == RING_FRAMES
-            self._ring.append(reading)
-        return 0
+            self._escalate(board, self._bad_reads + 1)
+        else:
+            self.accept(reading)
 
     def _escalate(self, board: Board, bad: int) -> None:
         self._bad_reads = bad
@@ -188,7 +190,7 @@ class Receiver:
             self._counts[what] += 1
 
     def _disconnect(self) -> None:
-        self._board = None
+        self.board = None
         if self._usb is not None:
             self._usb.close()
             self._usb = None

@@ -86,3 +86,12 @@ class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     url: Annotated[
         str, Meta(description="tcp://HOST:PORT of an emulated board; empty: the USB board")
     ] = ""
+
+
+class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Properties that differ between boards."""
+
+    cells: Annotated[
+        tuple[Cell, ...],
+        Meta(min_length=1, description="(row, column) of the board's cells, in row-major order"),
+    ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import msgspec
-from msgspec import Meta
 
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
+from drivers.ur.settings import MAX_PAYLOAD_KG, ArmSettings
 
 _NOT_ACCEPTED = "the arm controller did not accept the move", "look at the teach pendant"
 _SLACK_M = 1e-9  # rounding of a pose computed from the start pose and a limit
@@ -17,41 +17,8 @@ _SLACK_M = 1e-9  # rounding of a pose computed from the start pose and a limit
 MAX_SPIN_RADPS = 1.5  # about the tool's z axis; paper: 1 rad/s
 MAX_TURN_RAD = 1.6  # in either direction from the start, for the cables; assumed
 DRIVE_TIMEOUT_S = 0.1  # a drive that is not renewed for so long is stopped; assumed
-MAX_PAYLOAD_KG = 10.0  # gripper included; UR10 user manual
 _ARRIVED_WITHIN_M = 0.0005  # a move ends within this distance of its target; assumed
 _ARRIVED_BELOW_MPS = 0.001  # a move ends below this speed, which the link reports as stationary
-
-
-class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of commands. The workspace is a box around the start position."""
-
-    max_speed_mps: Annotated[
-        float, Meta(gt=0, le=1, description="m/s, limit of the tool; ISO 10218's reduced: 0.25")
-    ] = 0.25
-    max_acceleration_mps2: Annotated[
-        float, Meta(gt=0, le=10, description="m/s2, limit of the tool; UR manual: movel's default")
-    ] = 1.2
-    max_stop_mps2: Annotated[
-        float, Meta(gt=0, le=10, description="m/s2, hardest stop of the tool; ur_rtde's default")
-    ] = 10.0
-    workspace_low_m: Annotated[
-        tuple[float, float, float], Meta(description="m, lowest x, y, z from the start; assumed")
-    ] = (-0.05, -0.05, -0.01)
-    workspace_high_m: Annotated[
-        tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
-    ] = (0.05, 0.05, 0.5)
-    max_jump_m: Annotated[
-        float, Meta(gt=0, le=1, description="m, longest move of one command; assumed")
-    ] = 0.5
-    payload_kg: Annotated[
-        float,
-        Meta(
-            ge=0, le=MAX_PAYLOAD_KG, description="kg on the flange; hand 2.3 (manual), rest assumed"
-        ),
-    ] = 2.6
-    stale_after_s: Annotated[
-        float, Meta(ge=0.016, le=1, description="s, older controller timestamps are stale; assumed")
-    ] = 0.05
 
 
 class ArmSample(msgspec.Struct, frozen=True):
@@ -98,7 +65,8 @@ class ArmDriver:
         self._stale_ns = round(settings.stale_after_s * 1e9)
         self._start_m: Vector3 | None = None
         self._target_m: Vector3 | None = None  # of an unfinished move
-        self._state: ArmState | None = None
+        # latest state; its time is when the controller's timestamp last changed
+        self.state: ArmState | None = None
         self._sample_ns: int | None = None
         self._sample_changed_ns = 0
         self._now_ns = 0
@@ -106,11 +74,6 @@ class ArmDriver:
         self._was_stopped = False
         self._drive_renewed_ns: int | None = None  # last renewal of the current drive
         self._acceleration_mps2 = settings.max_acceleration_mps2  # of that drive
-
-    @property
-    def state(self) -> ArmState | None:
-        """Latest state; its time is when the controller's timestamp last changed."""
-        return self._state
 
     def poll(self, now_ns: int) -> None:
         """Read one sample. Raises ``Stale`` while the controller's timestamp does not change, and
@@ -121,21 +84,39 @@ class ArmDriver:
             self._sample_ns, self._sample_changed_ns = sample.t_ns, now_ns
         if self._start_m is None:
             self._start_m = sample.position_m
+        target_m, stationary = self._target_m, not sample.moving
+        if target_m and stationary and (sample.protective_stop or _arrived(sample, target_m)):
+            self._target_m = None
         self._seq += 1
-        self._state = ArmState(
+        self.state = ArmState(
             t_ns=self._sample_changed_ns,
             seq=self._seq,
             position_m=sample.position_m,
             velocity_mps=sample.velocity_mps,
-            moving=self._moving(sample),
+            # from the command of a move on, although the controller starts it a cycle later
+            moving=sample.moving or self._target_m is not None,
             stopped_by_safety=sample.protective_stop,
             angle_rad=sample.angle_rad,
             spin_radps=sample.spin_radps,
             speed_fraction=sample.speed_fraction,
             sampled_ns=sample.t_ns,
         )
-        self._stop_expired_drive(now_ns)
-        self._check(now_ns, sample)
+        renewed_ns = self._drive_renewed_ns
+        if renewed_ns is not None and now_ns - renewed_ns > round(DRIVE_TIMEOUT_S * 1e9):
+            self.stop(self._acceleration_mps2)
+        if now_ns - self._sample_changed_ns > self._stale_ns:
+            raise Stale(
+                "no new sample of the arm: the arm controller's clock stands still",
+                "look at the teach pendant, and at what else takes this computer's processor, then "
+                "start the run again",
+            )
+        onset = sample.protective_stop and not self._was_stopped
+        self._was_stopped = sample.protective_stop
+        if onset:
+            raise DeviceFault(
+                "the arm made a protective stop",
+                "see the teach pendant for the cause, clear it there, then start the run again",
+            )
 
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
         """Start a straight move; raises ``Refused`` outside any limit, before anything is sent."""
@@ -148,7 +129,7 @@ class ArmDriver:
         if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
             raise Refused(*_NOT_ACCEPTED)
         self._target_m, self._drive_renewed_ns = position_m, None
-        self._state = msgspec.structs.replace(state, moving=True)
+        self.state = msgspec.structs.replace(state, moving=True)
 
     def drive(self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float) -> None:
         """Drive at a velocity; raises ``Refused`` outside any limit, before anything is sent.
@@ -180,7 +161,7 @@ class ArmDriver:
     def _ready_state(self, acceleration_mps2: float) -> ArmState:
         most = self._settings.max_acceleration_mps2
         _require_up_to("arm.max_acceleration_mps2", acceleration_mps2, most, "m/s2")
-        state = self._state
+        state = self.state
         if state is None:
             raise Refused("the arm's position is not known yet", "poll the arm driver first")
         if state.stopped_by_safety:
@@ -195,44 +176,17 @@ class ArmDriver:
             what = f"arm.workspace_low_m..workspace_high_m ({axis} from start)"
             _require(what, value - start, low, high, "m", _SLACK_M)
 
-    def _stop_expired_drive(self, now_ns: int) -> None:
-        if self._drive_renewed_ns is None:
-            return
-        if now_ns - self._drive_renewed_ns > round(DRIVE_TIMEOUT_S * 1e9):
-            self.stop(self._acceleration_mps2)
-
     def set_payload(self, mass_kg: float) -> None:
         """Set the mass on the flange, gripper included."""
         _require("the limit of payload", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg")
         self._link.set_payload(mass_kg)
 
-    def _moving(self, sample: ArmSample) -> bool:
-        """True from the command of a move on, although the controller starts it a cycle later."""
-        target_m, stationary = self._target_m, not sample.moving
-        if target_m and stationary and (sample.protective_stop or self._arrived(sample, target_m)):
-            self._target_m = None
-        return sample.moving or self._target_m is not None
 
-    def _arrived(self, sample: ArmSample, target_m: Vector3) -> bool:
-        """Whether position and speed show the end of a move; an arm brakes until the very end."""
-        away_m = math.dist(sample.position_m, target_m)
-        speed_mps = math.hypot(*sample.velocity_mps)
-        return away_m <= _ARRIVED_WITHIN_M and speed_mps <= _ARRIVED_BELOW_MPS
-
-    def _check(self, now_ns: int, sample: ArmSample) -> None:
-        if now_ns - self._sample_changed_ns > self._stale_ns:
-            raise Stale(
-                "no new sample of the arm: the arm controller's clock stands still",
-                "look at the teach pendant, and at what else takes this computer's processor, then "
-                "start the run again",
-            )
-        onset = sample.protective_stop and not self._was_stopped
-        self._was_stopped = sample.protective_stop
-        if onset:
-            raise DeviceFault(
-                "the arm made a protective stop",
-                "see the teach pendant for the cause, clear it there, then start the run again",
-            )
+def _arrived(sample: ArmSample, target_m: Vector3) -> bool:
+    """Whether position and speed show the end of a move; an arm brakes until the very end."""
+    away_m = math.dist(sample.position_m, target_m)
+    speed_mps = math.hypot(*sample.velocity_mps)
+    return away_m <= _ARRIVED_WITHIN_M and speed_mps <= _ARRIVED_BELOW_MPS
 
 
 def _drive_end(at: Sequence[float], speed: Sequence[float], acceleration: float) -> list[float]:

@@ -11,13 +11,12 @@ target; kept velocities and stops are not scaled.
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Annotated
 
 import msgspec
-from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.ur.driver import ArmSample
+from drivers.ur.settings import ArmModelSettings
 
 COMMAND_LATENCY_S = 0.002  # transmission to the controller, before the next cycle; assumed
 SLIDER_S = 0.5  # from full speed to rest after the slider is moved; assumed
@@ -28,15 +27,6 @@ _SAME_LINE_M = 1e-6  # a target this close to the present line counts as on it
 _HISTORY = 32  # past segments kept: a few commands, far more than one control period
 
 
-class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the modelled controller."""
-
-    start_m: Vector3 = (0.5, 0.1, 0.3)  # tool position at power-up, base frame
-    period_s: Annotated[
-        float, Meta(ge=0.001, le=0.02, description="s, controller cycle; UR manual: CB3 125 Hz")
-    ] = 0.008
-
-
 class Segment(msgspec.Struct, frozen=True):
     """Motion with constant acceleration from start_ns until the next segment begins."""
 
@@ -44,24 +34,6 @@ class Segment(msgspec.Struct, frozen=True):
     origin_m: Vector3
     velocity_mps: Vector3
     acceleration_mps2: Vector3
-
-    @property
-    def at_rest(self) -> bool:
-        return self.velocity_mps == ZERO and self.acceleration_mps2 == ZERO
-
-    def position(self, t_ns: float) -> Vector3:
-        t = (t_ns - self.start_ns) * 1e-9
-        (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
-        return x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t
-
-    def velocity(self, t_ns: float) -> Vector3:
-        return ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
-
-    def vertical(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and upward speed, m/s: the z components of ``position`` and ``velocity``."""
-        t = (t_ns - self.start_ns) * 1e-9
-        z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
-        return z + (w + 0.5 * c * t) * t, w + c * t
 
 
 class Rotation(msgspec.Struct, frozen=True):
@@ -72,12 +44,33 @@ class Rotation(msgspec.Struct, frozen=True):
     spin_radps: float
     acceleration_radps2: float
 
-    def angle(self, t_ns: int) -> float:
-        t = (t_ns - self.start_ns) * 1e-9
-        return self.origin_rad + (self.spin_radps + 0.5 * self.acceleration_radps2 * t) * t
 
-    def spin(self, t_ns: int) -> float:
-        return self.spin_radps + self.acceleration_radps2 * (t_ns - self.start_ns) * 1e-9
+def _motion(chain: Sequence[Segment], t_ns: float) -> tuple[Vector3, Vector3, Vector3]:
+    """Position, m, velocity, m/s, and acceleration, m/s2, in the last segment that has started."""
+    for segment in reversed(chain):
+        if segment.start_ns <= t_ns:
+            break
+    if segment.velocity_mps == ZERO and segment.acceleration_mps2 == ZERO:
+        return segment.origin_m, ZERO, ZERO
+    t = (t_ns - segment.start_ns) * 1e-9
+    x, y, z = segment.origin_m
+    u, v, w = segment.velocity_mps
+    a, b, c = segment.acceleration_mps2
+    return (
+        (x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t),
+        (u + a * t, v + b * t, w + c * t),
+        segment.acceleration_mps2,
+    )
+
+
+def _turning(chain: Sequence[Rotation], t_ns: int) -> tuple[float, float]:
+    """Angle, rad, and spin, rad/s, in the last part that has started."""
+    for part in reversed(chain):
+        if part.start_ns <= t_ns:
+            break
+    t = (t_ns - part.start_ns) * 1e-9
+    angle = part.origin_rad + (part.spin_radps + 0.5 * part.acceleration_radps2 * t) * t
+    return angle, part.spin_radps + part.acceleration_radps2 * (t_ns - part.start_ns) * 1e-9
 
 
 class SpeedScaling:
@@ -178,7 +171,6 @@ class ArmModel:
         self._latency_ns = round(command_latency_s * 1e9)
         self._committed_ns = now_ns
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
-        self._starts = [now_ns]
         self._rotations: list[Rotation] = [Rotation(now_ns, 0.0, 0.0, 0.0)]
         self._scaling = SpeedScaling(now_ns, self._period_ns)
         self._line: list[Segment] = []  # of the last command, if it is a move: at full speed
@@ -189,7 +181,7 @@ class ArmModel:
         self.payload_kg = 0.0
         self.protective_stop = False
         self.reversed_moves = False  # injected fault: moves away from its target
-        self._corrupt: Callable[[ArmSample], ArmSample] = lambda sample: sample
+        self._corrupt: Callable[[ArmSample], ArmSample] | None = None
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -224,8 +216,7 @@ class ArmModel:
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
-        present = self._at(effect_ns)
-        at_m, from_mps = present.position(effect_ns), present.velocity(effect_ns)
+        at_m, from_mps, _ = _motion(self._chain, effect_ns)
         self._replace_segments_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
@@ -282,77 +273,66 @@ class ArmModel:
         that for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
         self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
 
-    def brake_if_unread(self, until_ns: int) -> None:
-        """Brake now if the arm will be unread for too long at ``until_ns``."""
-        if self._read_timeout_ns is None or self._stopping:
-            return
-        alone_ns = self._read_ns + self._read_timeout_ns
-        if until_ns > alone_ns:
-            self.stop_l(self._acceleration_mps2, alone_ns)
+    def advance(self, until_ns: int) -> tuple[Vector3, Vector3]:
+        """Simulate to a time; returns position, m, and velocity, m/s. The motion up to then is
+        fixed: later commands take effect after it, even those of a controller that catches up on
+        cycles."""
+        if self._read_timeout_ns is not None and not self._stopping:
+            alone_ns = self._read_ns + self._read_timeout_ns
+            if until_ns > alone_ns:
+                self.stop_l(self._acceleration_mps2, alone_ns)
+        if until_ns > self._committed_ns:
+            self._committed_ns = until_ns
+        position_m, velocity_mps, _ = _motion(self._chain, until_ns)
+        return position_m, velocity_mps
 
-    def commit(self, until_ns: int) -> None:
-        """Fix the motion up to a time to which the world has been simulated. Later commands take
-        effect after that time, even those of a controller that catches up on cycles."""
-        self._committed_ns = max(self._committed_ns, until_ns)
+    def at(self, t_ns: int) -> ArmSample:
+        """True state at a time."""
+        position_m, velocity_mps, acceleration_mps2 = _motion(self._chain, t_ns)
+        angle_rad, spin_radps = _turning(self._rotations, t_ns)
+        moving = velocity_mps != ZERO or acceleration_mps2 != ZERO or spin_radps != 0.0
+        return ArmSample(
+            t_ns, position_m, velocity_mps, moving, self.protective_stop,
+            angle_rad, spin_radps, self._scaling.slider,
+        )  # fmt: skip
 
     def position(self, t_ns: int) -> Vector3:
-        return self._at(t_ns).position(t_ns)
+        return self.at(t_ns).position_m
 
     def velocity(self, t_ns: int) -> Vector3:
-        return self._at(t_ns).velocity(t_ns)
-
-    def vertical(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and speed upwards, m/s."""
-        return self._at(t_ns).vertical(t_ns)
+        return self.at(t_ns).velocity_mps
 
     def angle(self, t_ns: int) -> float:
         """Rotation of the tool about its own axis since the start, rad."""
-        return self._rotation_at(t_ns).angle(t_ns)
+        return self.at(t_ns).angle_rad
 
     def spin(self, t_ns: int) -> float:
-        return self._rotation_at(t_ns).spin(t_ns)
+        return self.at(t_ns).spin_radps
 
     def moving(self, t_ns: int) -> bool:
-        return not self._at(t_ns).at_rest or self.spin(t_ns) != 0.0
+        return self.at(t_ns).moving
 
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         self._read_ns = max(self._read_ns, now_ns)
-        t_ns = now_ns // self._period_ns * self._period_ns
-        segment, turn = self._at(t_ns), self._rotation_at(t_ns)
-        spin_radps = turn.spin(t_ns)
-        sample = ArmSample(
-            t_ns, segment.position(t_ns), segment.velocity(t_ns),
-            not segment.at_rest or spin_radps != 0.0,
-            self.protective_stop, turn.angle(t_ns), spin_radps, self._scaling.slider,
-        )  # fmt: skip
-        return self._corrupt(sample)
+        sample = self.at(now_ns // self._period_ns * self._period_ns)
+        return sample if self._corrupt is None else self._corrupt(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
         """First controller cycle in which a command takes effect."""
         t_ns = max(now_ns + self._latency_ns, self._committed_ns)
         return -(-t_ns // self._period_ns) * self._period_ns
 
-    def _at(self, t_ns: int) -> Segment:
-        if t_ns >= self._starts[-1]:  # the usual case
-            return self._chain[-1]
-        return self._chain[max(0, bisect_right(self._starts, t_ns) - 1)]
-
     def _present(self, t_ns: int) -> tuple[Vector3, Vector3, float]:
         """Position, unit vector of the velocity, speed."""
-        at_m, (x, y, z) = self.position(t_ns), self.velocity(t_ns)
+        at_m, (x, y, z), _ = _motion(self._chain, t_ns)
         speed = math.hypot(x, y, z)
         if speed < _STATIONARY_BELOW_MPS:
             return at_m, ZERO, 0.0
         return at_m, (x / speed, y / speed, z / speed), speed
 
-    def _rotation_at(self, t_ns: int) -> Rotation:
-        started = bisect_right(self._rotations, t_ns, key=lambda turn: turn.start_ns)
-        return self._rotations[max(0, started - 1)]
-
     def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
-        present = self._rotation_at(effect_ns)
-        angle, spin = present.angle(effect_ns), present.spin(effect_ns)
+        angle, spin = _turning(self._rotations, effect_ns)
         change_s = abs(spin_radps - spin) / acceleration_radps2
         end_ns = effect_ns + round(change_s * 1e9)
         past = [turn for turn in self._rotations if turn.start_ns < effect_ns][-_HISTORY:]
@@ -365,7 +345,6 @@ class ArmModel:
         self._line = []
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
         self._chain = past[-_HISTORY:] + chain
-        self._starts = [segment.start_ns for segment in self._chain]
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
@@ -382,7 +361,7 @@ def _ramp(
     x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
     ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
     end_ns = start_ns + round(change_s * 1e9)
-    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, ZERO)]
+    return [ramp, Segment(end_ns, _motion([ramp], end_ns)[0], to_mps, ZERO)]
 
 
 def _can_go_on(
@@ -447,7 +426,7 @@ def times(direction: Vector3, size: float) -> Vector3:
 
 
 def _scaled_segment(part: Segment, path_ns: float, now_ns: int, scale: float) -> Segment:
+    at_m, velocity_mps, acceleration_mps2 = _motion([part], path_ns)
     return Segment(
-        now_ns, part.position(path_ns), times(part.velocity(path_ns), scale),
-        times(part.acceleration_mps2, scale * scale),
-    )  # fmt: skip
+        now_ns, at_m, times(velocity_mps, scale), times(acceleration_mps2, scale * scale)
+    )

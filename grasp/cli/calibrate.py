@@ -18,12 +18,13 @@ from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
 from grasp.cli.options import check_new
 from grasp.cli.output import print_status, show
+from grasp.cli.questions import TerminalOperator, confirm
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import hand_guard
 from scenarios.rigs.calibration import MANUAL
-from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
@@ -121,13 +122,13 @@ def _measure(
 ) -> int:  # fmt: skip
     """Run a measurement with an operator. ``act`` returns the text of the file, which is written
     and shown. ``on_scale``: a finger presses on a scale; ``afterwards``: how to use the file."""
-    operator = lab.TerminalOperator()
+    operator = TerminalOperator()
 
     def ask() -> None:
         if moves:
             lab.warn_of_mode(config)
             if on_scale:
-                lab.confirm(ON_SCALE, "scale", args.scale)
+                confirm(ON_SCALE, "scale", args.scale)
         operator.expect()
         if moves:
             lab.say(f"will {plan()}")

@@ -49,6 +49,8 @@ def _spec(args: argparse.Namespace) -> CampaignSpec:
         changes["profiles"] = (args.profile,)
     if args.repetitions is not None:
         changes["repetitions"] = args.repetitions
+    if args.record is not None:
+        changes["recordings"] = args.record
     spec = read_spec(file_of("campaigns", args.campaign))
     files = (*spec.config, *map(str, args.config or ()))
     spec = msgspec.structs.replace(spec, config=files, **changes)

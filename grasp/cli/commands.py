@@ -139,6 +139,12 @@ def _add_campaign(group: Parser) -> None:
     run.option("--detector NAME", "use instead of the campaign file's detectors")
     run.option("--profile NAME", "use instead of the campaign file's profiles")
     run.option("--repetitions N", "use instead of the campaign file's number", whole(1, 10_000))
+    run.option(
+        "--record",
+        "record each failed trial by a second run of it (default: the campaign "
+        "file's, or failures), all trials, or none",
+        choices=("failures", "all", "none"),
+    )
     run.flag("--resume", "continue an existing file: run the missing and errored trials")
     share(run, "jobs cluster config set json")
 

@@ -13,10 +13,7 @@ from grasp import settings
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, warn_of_untuned_rule
 from grasp.cli.output import show
-from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
 from scenarios.campaign.config import RunConfig, load_config, load_for_devices
-from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
 from scenarios.rigs.calibration import user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import check_read, trial_layers
@@ -48,6 +45,10 @@ def _checked(word: str, detector: str) -> str:
 
 
 def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
+    from scenarios.acquire.config import AcquireConfig, load_acquire_config
+    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
+    from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
+
     keys, word = table.keys(), str(path)
     packaged = settings.is_packaged("objects", path)
     if packaged or (keys == {"object"} and "name" in table["object"]):

@@ -25,7 +25,6 @@ from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import trial_layers
-from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # with fewer the recall is uncertain: +/- 14 points at a recall of a half
 LOW_RECALL = 0.5
@@ -90,6 +89,7 @@ def detector_evaluate(args: argparse.Namespace) -> int:
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
     from scenarios.benchmark.evaluation_file import EvaluationFile
+    from scenarios.trial.result import versions
 
     source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
     words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]

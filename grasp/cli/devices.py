@@ -10,10 +10,12 @@ from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MO
 from drivers.ur.link import preflight as arm_preflight
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
+from grasp.cli.questions import confirm
 from scenarios.lab import arm, hand, preflight
+from scenarios.rigs.calibration import calibration, settings_to_open
 from scenarios.rigs.device_checks import WRONG_DEVICE, arm_checks, other_devices, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
-from scenarios.rigs.rig import calibration, not_active_error, settings_to_open
+from scenarios.rigs.rig import not_active_error
 
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: the hand is active"
@@ -82,8 +84,8 @@ def gripper_activate(args: argparse.Namespace) -> int:
         return IDLE if seen is None else SET_BASIC if seen.healthy else ALL
 
     def ask() -> None:
-        lab.confirm("activation opens and closes the hand fully, with a force that cannot be set. "
-                    "Is it empty, and is everybody clear of it?", "empty", args.empty)  # fmt: skip
+        confirm("activation opens and closes the hand fully, with a force that cannot be set. "
+                "Is it empty, and is everybody clear of it?", "empty", args.empty)  # fmt: skip
         lab.say(f"will {ALL} if the hand is inactive; {SET_BASIC} if it is active in another mode")
 
     def act(permit: Any) -> lab.Done:

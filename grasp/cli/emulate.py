@@ -23,8 +23,10 @@ from grasp.cli.output import print_status
 from scenarios.campaign.config import load_for_devices
 from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import describe_all_faults
-from scenarios.rigs.emulated_cell import CellOptions, CellOrder, EmulatedCell, end_on_signals, serve
-from scenarios.tap.mallet import TapConfig, swing
+from scenarios.rigs.cell_order import CellOrder
+from scenarios.rigs.emulated_cell import CellOptions, EmulatedCell, end_on_signals, serve
+from scenarios.tap.config import TapConfig
+from scenarios.tap.mallet import swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")
@@ -41,7 +43,7 @@ def emulate(args: argparse.Namespace) -> int:
     )  # fmt: skip
     period = f"arm_model.period_s={PERIODS_S[args.profile]}"
     config = load_for_devices(args.object, "emulated", args.config, [period, *args.set])
-    print_status("cell: starting; the first start compiles the simulation")
+    print_status("cell: starting")
     console = Console(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:

@@ -1,28 +1,19 @@
-"""Shared by commands for real devices: settings, dry runs, permission to move, warnings, and
-questions to the operator."""
+"""Shared by commands for real devices: settings, dry runs, permission to move, and warnings."""
 
 import argparse
-import os
-import select
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
-from drivers.ur.link.preflight import check_speed_slider, read_status
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.output import print_json
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.calibration import weak_claim
-from scenarios.rigs.device_checks import read_gripper
-from scenarios.rigs.permission import HARDWARE, arm_address, permit
-from scenarios.trial.operator_prompts import WITHDRAWN
-
-TYPED_BYTES = 4096  # most input kept; the kernel's limit of a line too
-READS = 4  # most reads in a row
+from scenarios.rigs.config import HARDWARE
+from scenarios.rigs.permission import arm_address, permit
 
 say = exits.report_line  # on standard error
 
@@ -102,6 +93,8 @@ def warn_of_slow_arm(config: Any) -> None:
     """Warn of a low speed slider. One that prevents a run is reported when the arm is opened."""
     if config.devices.arm:
         return
+    from drivers.ur.link.preflight import check_speed_slider, read_status
+
     with suppress(GraspError):
         _, now = read_status(arm_address(config), config.ur.step_timeout_s)
         slider = check_speed_slider(now.speed_fraction)
@@ -114,77 +107,10 @@ def warn_of_mode(config: Any, opened: bool = False) -> None:
     for closing, so it is included here only with ``opened``."""
     if config.devices.gripper:
         return
+    from scenarios.rigs.device_checks import read_gripper
+
     with suppress(GraspError):
         _, now = read_gripper(config)
         mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
         if strange := mode_warning(mode):
             say(f"the hand is {strange} ({SET_BASIC_MODE})")
-
-
-# The person at the terminal
-
-
-def confirm(question: str, word: str, given: bool) -> None:
-    """Ask a person to type a word, unless the option was given; otherwise raises UsageError."""
-    if given:
-        return
-    if sys.stdin is None or not sys.stdin.isatty():
-        raise UsageError(f"no terminal for the question: {question}", f"if yes, add --{word}")
-    print(f"{question} Type {word}: ", end="", file=sys.stderr, flush=True)
-    if sys.stdin.readline().strip().lower() != word:
-        raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when ready")
-
-
-class TerminalOperator:
-    """Asks on standard error and reads answers on standard input; neither ever blocks."""
-
-    def __init__(self) -> None:
-        self.typed = b""  # not yet polled
-        self.asking = False  # a question is open
-        self._closed = False
-
-    def expect(self) -> None:
-        """Check before any motion: raises UsageError if the input has ended, as in a script."""
-        if not self._read():
-            problem = "no terminal for questions: standard input has ended"
-            raise UsageError(problem, "start it at a terminal: nothing was moved")
-
-    def say(self, text: str) -> None:
-        """Ask; input before the question is discarded."""
-        self._read()
-        self.typed = b""
-        self.asking = text != WITHDRAWN
-        self._print(text)
-
-    def poll(self) -> str | None:
-        """Return a line once it is complete. A closed terminal counts as Ctrl-C, once."""
-        if self._closed:
-            return None
-        ended = b"\n" not in self.typed and not self._read()
-        if ended and b"\n" not in self.typed:
-            self._closed = True
-            self._print("standard input has ended")
-            raise KeyboardInterrupt
-        line, newline, rest = self.typed.partition(b"\n")
-        if not newline:
-            return None
-        self.typed, self.asking = rest, False
-        return line.decode(errors="replace")
-
-    def _print(self, text: str) -> None:
-        with suppress(OSError):  # the terminal was closed
-            print(f">>> {text}", file=sys.stderr, flush=True)
-
-    def _read(self) -> bool:
-        """Read available input; False at its end. Bounded, so that endless input does not block."""
-        for _ in range(READS):
-            try:
-                if not select.select([sys.stdin], [], [], 0)[0]:
-                    break
-                some = os.read(sys.stdin.fileno(), TYPED_BYTES)
-            except (OSError, TypeError, ValueError):  # a closed terminal, or none
-                return False
-            if not some:
-                return False
-            self.typed = (self.typed + some)[-TYPED_BYTES:]
-        return True

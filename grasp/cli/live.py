@@ -2,7 +2,7 @@
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Self
 
 from grasp.cli import view
@@ -19,8 +19,7 @@ SETTING_UP = {
     "simulated": "starting the simulation", "emulated": "starting the emulated cell",
     "hardware": "connecting to the devices",
 }  # fmt: skip
-ACTIVATING = ", activating the gripper (10 s, the first time 20 s)"
-COMPILING = "setting up: compiling the simulation, about a minute, only once"
+ACTIVATING = ", activating the gripper"
 
 
 class LocalViewer:
@@ -68,9 +67,10 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.simulated import on_first_compilation
+            from scenarios.rigs.compilation import COMPILING, on_first_compilation
 
-            said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
+            line = view.StatusLine(f"setting up: {COMPILING}")
+            said = on_first_compilation(lambda: self.show_waiting(line))
             self._until_closed.enter_context(said)
         return self
 
@@ -125,12 +125,14 @@ class Display:
 
 
 @contextlib.contextmanager
-def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
-    """The page of `--view`, made by ``make`` and closed with the run; None without the option."""
+def viewed(args: Any, config: Any, title: str, trials: int) -> Iterator[Any]:
+    """The page of `--view`, closed with the run; None without the option."""
     if not args.view:
         yield None
         return
-    live = make()
+    from scenarios.report.live_feed import LiveTrials
+
+    live = LiveTrials(config, title, trials)
     print_status(f"view: {live.feed.address}")
     try:
         yield live

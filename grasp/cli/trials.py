@@ -14,12 +14,12 @@ from drivers.errors import GraspError, OutputClosedError, UsageError
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import TRIALS
-from grasp.cli.lab import TerminalOperator, say
+from grasp.cli.lab import say
 from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import print_status, show
+from grasp.cli.questions import TerminalOperator
 from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
-from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.result import Failure
 from scenarios.trial.series import TrialContext
 
@@ -93,7 +93,7 @@ def _follow(
     rows: dict[int, Any] = {}
     failure: Any = None
     with (
-        viewed(args, lambda: LiveTrials(config, title, of)) as page,
+        viewed(args, config, title, of) as page,
         Display(config.rig, args.json, operator, not single, page) as display,
     ):
         display.setting_up()

@@ -1,14 +1,18 @@
-"""Plausibility of the fingertips' raw codes. A frame that was missed is not judged."""
+"""Plausibility of the fingertips' raw codes. A frame that was missed is not judged.
 
-from typing import Any
+Codes and repeats are lists of each finger's taxels: with so few numbers, lists are faster than
+arrays.
+"""
+
+from collections.abc import Iterable
+from itertools import chain, compress
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.interfaces import CODE_MAX, FINGERS, TactileFrame
-from grasp.monitors.settings import Data, MonitorSettings, finger_names
+from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, TactileFrame
+from grasp.monitors.settings import Failures, MonitorSettings
 
-Flags = NDArray[np.bool_]
+INNER_CODES = frozenset(range(1, CODE_MAX))  # others are at a rail and show no change of pressure
 RAIL_SAMPLES = 3  # in a row with a whole fingertip at code 0 or 1023; assumed
 FROZEN_SAMPLES = 8  # repeats in a row of all codes of a loaded hand; measured: at most 3 by chance
 # Repeats in a row of all codes of one loaded fingertip. Measured: by chance at most 7 with 0.1
@@ -24,74 +28,133 @@ USABLE_SHARE = 0.5
 
 
 class FingertipHistory:
-    """Plausibility of the last samples. Arrays are (3, taxels).
+    """Plausibility of the last samples.
 
-    ``responsive``: taxels that would show a change, since they are neither stuck nor saturated.
-    ``all_responsive``: all taxels are. ``plausible``: the codes give a valid force estimate.
+    ``responsive``: for each finger, which taxels would show a change, since they are neither stuck
+    nor saturated. ``all_responsive``: all are. ``plausible``: the codes give a force estimate.
     """
 
     def __init__(self, settings: MonitorSettings) -> None:
         self._jump_counts = settings.jump_counts
-        self.codes: NDArray[np.int64] | None = None  # None if this step has no frame
-        self.rails: Flags = np.zeros((FINGERS, 1), np.bool_)
-        self.repeats = np.zeros((FINGERS, 1), np.int64)  # in a row, of each taxel's code
-        self.loaded: Flags = np.zeros(FINGERS, np.bool_)  # fingertips in contact
-        self.at_rail = np.zeros(FINGERS, np.int64)  # samples in a row of each whole fingertip
-        self.jumped = False
-        self.responsive: Flags = np.ones((FINGERS, 1), np.bool_)
+        self._absent = True  # this step has no frame
+        self._counts = np.zeros((FINGERS, 1), np.int16)  # of the last frame
+        self._codes = [[0]] * FINGERS  # of the last frame
+        self._repeats = [[0]] * FINGERS  # in a row, of each taxel's code
+        self._at_rail = [0] * FINGERS  # samples in a row of each whole fingertip
+        self._jumped = False
+        self._may_fail = False  # False: the last frame passes all checks
+        self.responsive = [[True]] * FINGERS
         self.all_responsive = self.plausible = True
 
-    def update(self, frame: TactileFrame | None) -> None:
-        """Take the frame of this step; a missed frame only repeats the last and is ignored."""
+    def update(self, frame: TactileFrame | None) -> Failures:
+        """Take the frame of this step; returns the checks that it fails. A missed frame only
+        repeats the last and is ignored."""
         if frame is None:
-            self.codes = None
+            self._absent = True
         elif not frame.missed:
-            self._take(frame.raw.astype(np.int64), frame.counts)
+            self._take(frame)
+        return self._failures() if self._absent or self._may_fail else {}
 
-    def _take(self, codes: NDArray[np.int64], counts: NDArray[np.int16]) -> None:
-        change = codes - (codes if self.codes is None else self.codes)
-        self.repeats = np.where((change == 0) & (self.codes is not None), self.repeats + 1, 0)
-        rails_before, self.codes, self.rails = self.rails, codes, at_rail(codes)
-        self.responsive = ~(self.rails | (self.repeats >= STUCK_SAMPLES))
-        self.all_responsive = bool(self.responsive.all())
-        self.loaded = np.abs(counts * ~self.rails).max(axis=1) >= LOADED_COUNTS
-        whole = self.rails.all(axis=1)
-        self.at_rail = np.where(whole, self.at_rail + 1, 0)
-        self.jumped = self._all_jumped(change, self.responsive & ~rails_before)
-        self.plausible = not (self.jumped or whole.any())
+    def _take(self, frame: TactileFrame) -> None:
+        codes, before = frame.raw.tolist(), self._codes
+        if self._absent:  # codes are not compared across a gap
+            self._absent, before = False, codes
+            self._repeats = [[-1] * len(row) for row in codes]
+            self.responsive = [[True] * len(row) for row in codes]
+        self._codes, self._counts = codes, frame.counts
+        self.all_responsive, self._may_fail = True, False
+        fingers = zip(before, codes, self._repeats, self.responsive, strict=True)
+        for finger, (was, now, repeats, responsive) in enumerate(fingers):
+            railed, changes, stuck = 0, False, False
+            for i, code in enumerate(now):
+                repeats[i] = n = repeats[i] + 1 if code == was[i] else 0
+                inner = code in INNER_CODES
+                responsive[i] = inner and n < STUCK_SAMPLES
+                if not inner:
+                    railed += 1
+                elif n < FROZEN_SAMPLES:
+                    changes = True
+                elif n >= STUCK_SAMPLES:
+                    stuck = True
+            self._at_rail[finger] = self._at_rail[finger] + 1 if railed == len(now) else 0
+            if railed or stuck:
+                self.all_responsive = False
+            if stuck or not changes:  # else no check of this fingertip can fail but a jump
+                self._may_fail = True
+        self._jumped = self._all_jumped(before)
+        self._may_fail = self._may_fail or self._jumped
+        self.plausible = not (self._jumped or any(self._at_rail))
 
-    def _all_jumped(self, change: NDArray[np.int64], responsive: Flags) -> bool:
+    def _all_jumped(self, before: list[list[int]]) -> bool:
         """Whether all responsive taxels, and most are, changed at once in one direction. A contact
         instead presses some taxels and unloads others."""
-        if np.abs(change).max() < self._jump_counts or 2 * responsive.sum() <= change.size:
-            return False
-        by = change[responsive]
-        return bool(by.min() >= self._jump_counts or by.max() <= -self._jump_counts)
+        rises = falls = 0
+        for finger in zip(before, self._codes, self.responsive, strict=True):
+            for was, now, responsive in zip(*finger, strict=True):
+                if not responsive or was not in INNER_CODES:
+                    continue
+                if abs(now - was) < self._jump_counts:
+                    return False
+                rises, falls = rises + (now > was), falls + (now < was)
+        return 2 * (rises + falls) > sum(map(len, before)) and not (rises and falls)
+
+    def _failures(self) -> Failures:
+        """The checks that this step fails."""
+        failures: Failures = {}
+        if self._absent:
+            failures["fingertips_absent"] = {}
+        if names := _names(n >= RAIL_SAMPLES for n in self._at_rail):
+            failures["fingertips_at_rail"] = {"finger": names}
+        if self._jumped:
+            failures["fingertips_jump"] = {"counts": self._jump_counts}
+        loaded = self._loaded()
+        if not self._absent and any(loaded) and (repeats := self._frozen_repeats()):
+            failures["fingertips_frozen"] = {"samples": repeats + 1}
+        fewest = map(min, self._repeats)
+        fingers = zip(loaded, fewest, strict=True)
+        if names := _names(touches and n >= DEAD_SAMPLES for touches, n in fingers):
+            failures["fingertip_dead"] = {"finger": names}
+        if not self._absent and (names := _names(self._few_usable())):
+            failures["fingertip_few_taxels"] = {"finger": names}
+        return failures
+
+    def _loaded(self) -> list[bool]:
+        """Which fingertips are in contact."""
+        return [
+            any(c in INNER_CODES and abs(n) >= LOADED_COUNTS for c, n in zip(*finger, strict=True))
+            for finger in zip(self._codes, self._counts.tolist(), strict=True)
+        ]
+
+    def _frozen_repeats(self) -> int:
+        """How often the codes of all responsive taxels, and most are, have repeated; 0 if fewer
+        times than in a frozen hand."""
+        repeats = list(chain(*self._repeats))
+        responsive = list(compress(repeats, chain(*self.responsive)))
+        fewest = min(responsive) if 2 * len(responsive) > len(repeats) else 0
+        return fewest if fewest >= FROZEN_SAMPLES else 0
+
+    def _few_usable(self) -> list[bool]:
+        """Which fingertips have too few usable taxels to lift an object. A saturated taxel counts
+        as usable, because it is pressed."""
+        few = []
+        for codes, repeats in zip(self._codes, self._repeats, strict=True):
+            taxels = zip(codes, repeats, strict=True)
+            usable = sum(code not in INNER_CODES or n < STUCK_SAMPLES for code, n in taxels)
+            few.append(usable / len(codes) < USABLE_SHARE)
+        return few
 
 
-def frozen(h: FingertipHistory, s: MonitorSettings) -> Data:
-    """Fails if the codes of all responsive taxels of a loaded hand repeat."""
-    repeats = h.repeats[h.responsive]
-    if h.codes is None or not h.loaded.any() or 2 * repeats.size <= h.repeats.size:
-        return None
-    fewest = int(repeats.min())
-    return {"samples": fewest + 1} if fewest >= FROZEN_SAMPLES else None
+def taxels_at_rail(frame: TactileFrame) -> list[int]:
+    """Number of each finger's taxels with a code at an end of the range."""
+    counts = []
+    for codes in frame.raw.tolist():
+        count = 0
+        for code in codes:
+            if code not in INNER_CODES:
+                count += 1
+        counts.append(count)
+    return counts
 
 
-def dead(h: FingertipHistory, s: MonitorSettings) -> Data:
-    """Fails if all codes of a loaded fingertip repeat."""
-    return finger_names((h.repeats.min(axis=1) >= DEAD_SAMPLES) & h.loaded)
-
-
-def few_responsive(h: FingertipHistory, s: MonitorSettings) -> Data:
-    """Fails if a fingertip has too few usable taxels to lift an object. A saturated taxel counts as
-    usable, because it is pressed."""
-    if h.codes is None or h.all_responsive:
-        return None
-    return finger_names((h.responsive | h.rails).mean(axis=1) < USABLE_SHARE)
-
-
-def at_rail(raw: NDArray[np.integer[Any]]) -> Flags:
-    """Which codes are at an end of the range, and so no longer show changes of pressure."""
-    out: Flags = (raw <= 0) | (raw >= CODE_MAX)
-    return out
+def _names(fingers: Iterable[bool]) -> str:
+    return ", ".join(compress(FINGER_NAMES, fingers))

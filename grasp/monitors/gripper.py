@@ -1,9 +1,9 @@
 """Plausibility of the gripper's status: impossible values, and motion that ignores commands."""
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, GripperState
-from grasp.monitors.settings import Data, MonitorSettings, finger_names, too_often
+from grasp.monitors.settings import FLIPS, Failures, Fields, MonitorSettings, too_often
 
-OUTDATED_READS = 5  # status reads before `silent` fails: a command may be on its way for two
+OUTDATED_READS = 5  # status reads before it counts as silent: a command may be on its way for two
 CONTACT = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)
 # A finger whose motor draws so much is in contact (manual p. 68-73: 110-160 mA in free motion). At
 # its force limit it creeps, so it may keep its count for as long as this; assumed.
@@ -17,71 +17,91 @@ FINGER_COUNTS_PS = 300.0  # fastest: twice full speed (manual: 0.11 m/s, 143 cou
 class GripperHistory:
     """The last status, and since when its parts have not changed."""
 
-    def __init__(self) -> None:
-        self.state: GripperState
-        self.before: GripperState | None = None
-        self.fresh_ns = 0  # time of the last status that includes the last command
-        self.outdated_reads = 0  # status reads since
-        self.moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
-        self.touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
-        self.flips_ns: list[list[int]] = [[], [], []]  # times at which each report changed
+    def __init__(self, settings: MonitorSettings) -> None:
+        self._settings = settings
+        self._last: GripperState | None = None
+        self._fresh_ns = 0  # time of the last status that includes the last command
+        self._outdated_reads = 0  # status reads since
+        self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
+        self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
+        self._flips_ns: list[list[int]] = [[], [], []]  # times at which each report changed
 
-    @property
-    def flickers(self) -> list[bool]:
-        """Which fingers alternate between reports, as under the commands of another client."""
-        return [too_often(flips_ns, self.state.t_ns) for flips_ns in self.flips_ns]
+    def update(self, state: GripperState) -> Failures:
+        """Take the status of this step; returns the checks that it fails."""
+        before, self._last = self._last, state
+        if before is None:
+            before = state
+            self._moved_ns = [state.t_ns] * FINGERS
+            self._fresh_ns, self._outdated_reads = state.t_ns, -1
+        failures: Failures = {}
+        if not state.active and not state.fault:  # a fault has its own text
+            failures["gripper_inactive"] = {}
+        if impossible := self._impossible(before, state):
+            failures["gripper_impossible"] = impossible
+        if state.fresh:
+            self._fresh_ns, self._outdated_reads = state.t_ns, 0
+        elif silent := self._silent(state):
+            failures["gripper_silent"] = silent
+        if names := self._stands(before, state):
+            failures["gripper_stands"] = {"finger": ", ".join(names)}
+        if names := self._flickers(before, state):
+            failures["gripper_flickers"] = {"finger": ", ".join(names)}
+        return failures
 
-    def update(self, state: GripperState) -> None:
-        """Take the status of this step."""
-        first = self.before is None
-        self.before, self.state = (state if first else self.state), state
-        if state.fresh or first:
-            self.fresh_ns, self.outdated_reads = state.t_ns, 0
-        else:
-            self.outdated_reads += 1
-        for i, (was, now) in enumerate(zip(self.before.fingers, state.fingers, strict=True)):
-            moving = state.fresh and now.detection is Detection.MOVING
-            if first or not moving or was.position_counts != now.position_counts:
-                self.moved_ns[i] = state.t_ns
-            if was.requested_counts != now.requested_counts:
-                self.flips_ns[i].clear()
-            elif state.fresh and self.before.fresh and was.detection is not now.detection:
-                self.flips_ns[i].append(state.t_ns)
-            if not state.fresh or now.detection not in CONTACT:
-                self.touched_at[i] = None
-            elif self.touched_at[i] is None:
-                self.touched_at[i] = now.position_counts
+    def _impossible(self, before: GripperState, state: GripperState) -> Fields | None:
+        """The first finger that jumped, or moved although it reports contact."""
+        # a status dates from some moment between its request and its arrival
+        elapsed_s = (state.t_ns + state.took_ns - before.t_ns) * 1e-9
+        most = JUMP_COUNTS + FINGER_COUNTS_PS * elapsed_s
+        wrong: Fields | None = None
+        for i, finger in enumerate(state.fingers):
+            was, here = before.fingers[i].position_counts, finger.position_counts
+            touched_at = self._touched_at[i]
+            if not state.fresh or finger.detection not in CONTACT:
+                touched_at = None
+            elif touched_at is None:
+                touched_at = here
+            self._touched_at[i] = touched_at
+            if abs(here - was) > most:
+                how = f"jumped from {was} to {here} counts"
+            elif touched_at is not None and abs(here - touched_at) > CONTACT_COUNTS:
+                how = f"moved in contact from {touched_at} to {here} counts"
+            else:
+                continue
+            wrong = wrong or {"finger": FINGER_NAMES[i], "how": how}
+        return wrong
 
+    def _silent(self, state: GripperState) -> Fields | None:
+        """How long no status has shown the last command. A faulty, inactive hand may be silent."""
+        self._outdated_reads += 1
+        silent_s = (state.t_ns - self._fresh_ns) * 1e-9
+        long = silent_s > self._settings.echo_s and self._outdated_reads >= OUTDATED_READS
+        refuses = state.fault and not state.active
+        return {"seconds": round(silent_s, 3)} if long and not refuses else None
 
-def impossible(h: GripperHistory, s: MonitorSettings) -> Data:
-    """Fails if a finger jumped, or moved although it reports contact."""
-    assert h.before is not None  # noqa: S101  (updated)
-    # a status dates from some moment between its request and its arrival
-    elapsed_s = (h.state.t_ns + h.state.took_ns - h.before.t_ns) * 1e-9
-    most = JUMP_COUNTS + FINGER_COUNTS_PS * elapsed_s
-    fingers = zip(FINGER_NAMES, h.before.fingers, h.state.fingers, h.touched_at, strict=True)
-    for name, was, now, touched_at in fingers:
-        here = now.position_counts
-        if abs(here - was.position_counts) > most:
-            return {"finger": name, "how": f"jumped from {was.position_counts} to {here} counts"}
-        if touched_at is not None and abs(here - touched_at) > CONTACT_COUNTS:
-            return {"finger": name, "how": f"moved in contact from {touched_at} to {here} counts"}
-    return None
+    def _stands(self, before: GripperState, state: GripperState) -> list[str]:
+        """Fingers that report motion but keep their count."""
+        wrong, start_s = [], self._settings.finger_start_s
+        for i, finger in enumerate(state.fingers):
+            moving = state.fresh and finger.detection is Detection.MOVING
+            if not moving or finger.position_counts != before.fingers[i].position_counts:
+                self._moved_ns[i] = state.t_ns
+                continue
+            presses = finger.current_ma >= PRESSING_MA
+            most_s = max(PRESSING_S, start_s) if presses else start_s
+            if state.t_ns - self._moved_ns[i] >= most_s * 1e9:
+                wrong.append(FINGER_NAMES[i])
+        return wrong
 
-
-def silent(h: GripperHistory, s: MonitorSettings) -> Data:
-    """Fails if the status does not show the last command, except for a faulty, inactive hand."""
-    silent_s = (h.state.t_ns - h.fresh_ns) * 1e-9
-    refuses = h.state.fault and not h.state.active
-    long = silent_s > s.echo_s and h.outdated_reads >= OUTDATED_READS
-    return {"seconds": round(silent_s, 3)} if long and not refuses else None
-
-
-def stands(h: GripperHistory, s: MonitorSettings) -> Data:
-    """Fails if a finger reports motion but keeps its count."""
-    wrong = []
-    for finger, since_ns in zip(h.state.fingers, h.moved_ns, strict=True):
-        presses = finger.current_ma >= PRESSING_MA
-        most_s = max(PRESSING_S, s.finger_start_s) if presses else s.finger_start_s
-        wrong.append(since_ns < h.state.t_ns and h.state.t_ns - since_ns >= most_s * 1e9)
-    return finger_names(wrong)
+    def _flickers(self, before: GripperState, state: GripperState) -> list[str]:
+        """Fingers that alternate between reports, as under the commands of another client."""
+        wrong = []
+        for i, finger in enumerate(state.fingers):
+            was, flips_ns = before.fingers[i], self._flips_ns[i]
+            if was.requested_counts != finger.requested_counts:
+                flips_ns.clear()
+            elif was.detection is not finger.detection and state.fresh and before.fresh:
+                flips_ns.append(state.t_ns)
+            if len(flips_ns) > FLIPS and too_often(flips_ns, state.t_ns):
+                wrong.append(FINGER_NAMES[i])
+        return wrong

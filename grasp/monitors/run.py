@@ -1,6 +1,6 @@
 """RunMonitor: conditions that end a run: faults, old states, overforce, a slow arm, time-outs."""
 
-from drivers.interfaces import MIN_SPEED_FRACTION
+from drivers.interfaces import MIN_SPEED_FRACTION, ArmState
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
@@ -31,40 +31,31 @@ class RunMonitor:
             return obs.faults
         if obs.frame is not None and obs.frame.stale and state not in OPEN_STATES:
             return (stale(FINGERTIPS, "no fresh fingertip sample"),)
-        fault = (
-            obs.device_fault(self._settings.stale_after_s * 1e9)
-            or self._overforce(obs, state)
-            or self._slow_arm(obs, state)
-            or self._timeout(obs, state)
-        )
-        return () if fault is None else (fault,)
-
-    def _overforce(self, obs: Observation, state: State) -> Fault | None:
-        moving = state in AIRBORNE_STATES and obs.arm.moving
-        if moving and self._contact.overload_ns > OVERLOAD_NS:
+        arm, settings = obs.arm, self._settings
+        if fault := obs.device_fault(settings.stale_after_s * 1e9):
+            return (fault,)
+        if state in AIRBORNE_STATES and arm.moving and self._contact.overload_ns > OVERLOAD_NS:
             text = "estimated force stays above the limit while the arm moves"
-            return Fault("overforce", TRIAL, text)
-        return None
+            return (Fault("overforce", TRIAL, text),)
+        if state in RISING_STATES and arm.speed_fraction < MIN_SPEED_FRACTION:
+            return (_slow(arm, f"; a lift needs at least {100.0 * MIN_SPEED_FRACTION:g} %"),)
+        if self._timer.arm_halted:
+            return (_slow(arm, ", so its motion does not end"),)
+        if state not in UNTIMED_STATES and self._timer.timed_out(settings.phase_timeout_s):
+            return (self._timed_out(obs, state),)
+        return ()
 
-    def _slow_arm(self, obs: Observation, state: State) -> Fault | None:
-        fraction = obs.arm.speed_fraction
-        slider = f"the arm's speed slider is at {100.0 * fraction:.3g} %"
-        if state in RISING_STATES and fraction < MIN_SPEED_FRACTION:
-            text = f"{slider}; a lift needs at least {100.0 * MIN_SPEED_FRACTION:g} %"
-        elif self._timer.arm_halted:
-            text = f"{slider}, so its motion does not end"
-        else:
-            return None
-        return Fault("arm_slow", ARM, text, "turn up the speed slider at the arm's pendant")
-
-    def _timeout(self, obs: Observation, state: State) -> Fault | None:
+    def _timed_out(self, obs: Observation, state: State) -> Fault:
         timeout_s = self._settings.phase_timeout_s
-        if state in UNTIMED_STATES or not self._timer.timed_out(timeout_s):
-            return None
         if state is State.TARE and obs.hand_rests:
             return failed("fingertips_slow", seconds=timeout_s)
         text = f"phase {state} lasted longer than {timeout_s:g} s: {_why_waiting(obs, state)}"
         return Fault("phase_timeout", TRIAL, text)
+
+
+def _slow(arm: ArmState, why: str) -> Fault:
+    text = f"the arm's speed slider is at {100.0 * arm.speed_fraction:.3g} %{why}"
+    return Fault("arm_slow", ARM, text, "turn up the speed slider at the arm's pendant")
 
 
 def _why_waiting(obs: Observation, state: State) -> str:

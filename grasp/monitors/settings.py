@@ -1,16 +1,13 @@
 """Settings of the plausibility checks. Other limits are constants in the checks' modules."""
 
-from collections.abc import Iterable
-from itertools import compress
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from drivers.interfaces import FINGER_NAMES
-
 FLIPS, FLIPS_NS = 8, 1_000_000_000  # most changes of a report in that time; assumed
-Data = dict[str, float | str] | None  # fields of a failed check's message; None: passed
+Fields = dict[str, float | str]  # of a failed check's message
+Failures = dict[str, Fields]  # the failed checks by their codes, in the order of ``CHECKS``
 
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -50,12 +47,7 @@ class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 0.25
 
 
-def finger_names(fingers: Iterable[object]) -> Data:
-    """Names of the marked fingers as the field of a message; None if there are none."""
-    found = ", ".join(compress(FINGER_NAMES, fingers))
-    return {"finger": found} if found else None
-
-
-def too_often(changes_ns: Iterable[int], now_ns: int) -> bool:
-    """Whether a report has changed more often than start, end and settling of a motion explain."""
+def too_often(changes_ns: list[int], now_ns: int) -> bool:
+    """Whether a report has changed more often than start, end and settling of a motion explain:
+    more than ``FLIPS`` times in ``FLIPS_NS``."""
     return sum(now_ns - at_ns <= FLIPS_NS for at_ns in changes_ns) > FLIPS

@@ -1,18 +1,14 @@
-"""The experiments by name, and loading of their settings."""
+"""Settings of a lift or a tap, and their loading."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from grasp.settings import load
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.calibration import Files, user_layers
-from scenarios.tap.mallet import TapConfig, TapSettings
-from scenarios.tap.tap import tap
+from scenarios.rigs.config import part
+from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
-from scenarios.trial.experiment import Experiment
 from scenarios.trial.layers import check_read, trial_layers
-
-EXPERIMENTS: dict[str, Experiment[Any, Any, Any]] = {each.name: each for each in (lift, tap)}
 
 
 class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -21,10 +17,10 @@ class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     tap: TapSettings = TapSettings()
 
     def for_lift(self) -> LiftConfig:
-        return lift.select(self)
+        return part(self, LiftConfig)
 
     def for_tap(self) -> TapConfig:
-        return tap.select(self)
+        return part(self, TapConfig)
 
 
 def load_config(

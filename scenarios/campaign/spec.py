@@ -15,13 +15,18 @@ from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import is_path, load, read_toml
-from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name
 
 MOST_TRIALS = 1_000_000
 SEEDS_APART = 10_000  # so that campaigns with different `seeds` share no trial seed
+# A trial of a campaign ends when nothing that is scored can still change, with the object in the
+# air. A set-down takes as long as all before it, so only every tenth trial includes it.
+IN_THE_AIR = "controller.keep=true"  # overridden by the campaign's own settings
+SET_DOWN_EVERY = 10
 
 
 Listed = Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -54,8 +59,15 @@ class Task(msgspec.Struct, frozen=True):
     repetition: int
     seed: int
     swept: dict[str, Any]  # settings that differ between the combinations
-    config: TrialConfig
+    config: TrialConfig  # of its combination
     recordings: str
+    set_down: bool  # whether it also sets the object down
+
+    @property
+    def run_config(self) -> TrialConfig:
+        """The settings with which it is run."""
+        controller = msgspec.structs.replace(self.config.controller, keep=not self.set_down)
+        return msgspec.structs.replace(self.config, controller=controller)
 
 
 class Combination(msgspec.Struct, frozen=True):
@@ -95,7 +107,11 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
-        settings = [*spec.settings, *(f"{key}={_literal(x)}" for key, x in swept.items())]
+        settings = [
+            IN_THE_AIR,
+            *spec.settings,
+            *(f"{key}={_literal(x)}" for key, x in swept.items()),
+        ]
         base = _load(name, detector, files, settings, profile, swept)
         if sources.setdefault(base.object.name, name) != name:
             both = f"{sources[base.object.name]} and {name} are both named {base.object.name!r}"
@@ -159,12 +175,14 @@ def _literal(value: Any) -> str:
 
 def trials(spec: CampaignSpec, grid: list[Combination]) -> Iterator[Task]:
     """All trials, with repetitions outermost: a campaign that was cut short has run every
-    combination about equally often, with the same seeds."""
+    combination about equally often, with the same seeds. In ten repetitions each combination sets
+    the object down once."""
     numbers = itertools.count()
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):
-        for each in grid:
+        for place, each in enumerate(grid, start=1):
+            sampled = (place + repetition) % SET_DOWN_EVERY == 0
             yield Task(
                 number=next(numbers), scenario=each.scenario, repetition=repetition,
                 seed=seed * SEEDS_APART + repetition, swept=each.swept, config=each.config,
-                recordings=spec.recordings,
+                recordings=spec.recordings, set_down=sampled or not each.config.controller.keep,
             )  # fmt: skip

@@ -26,7 +26,7 @@ from grasp.files import (
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
-FORMAT = "grasp-campaign 7"
+FORMAT = "grasp-campaign 8"
 COLUMNS = Row.__struct_fields__
 FOREIGN = "give the file of a campaign"
 DAMAGED = "restore it from a copy, or run the campaign again into another --out"

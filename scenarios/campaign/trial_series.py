@@ -14,7 +14,7 @@ from typing import Literal
 import msgspec
 
 from drivers.interfaces import Vector3
-from scenarios.campaign.config import EXPERIMENTS
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import CampaignSpec, Combination, Task
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import AnyRun, Finished, Row, cost_columns, error_row, judged_row
@@ -52,6 +52,7 @@ class TrialSeries(msgspec.Struct, frozen=True):
             Task(
                 number=number, scenario=self.scenario, repetition=number, seed=self.seed + number,
                 swept={}, config=self.config, recordings="all",
+                set_down=not self.config.controller.keep,
             )
             for number in range(self.trials)
         ]  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from grasp.fault import INTERRUPTED
-from scenarios.campaign.config import EXPERIMENTS
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
@@ -32,6 +32,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     swept: str
     repetition: int
     seed: int
+    set_down: bool  # the trial includes the set-down
     status: str  # done, error
     success: bool | None = None
     outcome: str | None = None
@@ -66,7 +67,7 @@ class Finished(msgspec.Struct, frozen=True):
 
 def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | None]:
     """Run and judge one trial. Raises RuntimeError for an internal error, KeyboardInterrupt."""
-    finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.config, trial.seed, runs)
+    finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.run_config, trial.seed, runs)
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
@@ -154,6 +155,7 @@ def identity(trial: Task) -> dict[str, Any]:
         "swept": _json(trial.swept),
         "repetition": trial.repetition,
         "seed": trial.seed,
+        "set_down": trial.set_down,
         "config_hash": trial.config.digest(),
         "detector_hash": trial.config.detector_hash(),
     }

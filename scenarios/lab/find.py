@@ -9,7 +9,7 @@ import msgspec
 
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq import protocol
-from drivers.robotiq.modbus import ModbusSettings
+from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import UsbLink, boards
 from drivers.ur.link import preflight

@@ -38,16 +38,15 @@ from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
 from scenarios.lab.fingertips import TactileReader, open_fingertips
+from scenarios.rigs.calibration import calibration, settings_to_open
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     activate,
-    calibration,
     check_fault,
     known_state,
     mode_of,
     not_active_error,
-    settings_to_open,
     wait_until_active,
 )
 from scenarios.rigs.wired import open_gripper

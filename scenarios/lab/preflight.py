@@ -13,15 +13,15 @@ from grasp.clock import WallClock
 from scenarios.lab.calibrate import check_open
 from scenarios.lab.fingertips import open_fingertips
 from scenarios.lab.hand import CONTACT_N, MotionResult, Say, check_thumb, hand_guard, open_hand
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks, read_gripper
 from scenarios.rigs.permission import MotionPermit, arm_of, driving, gripper_address, gripper_of
-from scenarios.rigs.rig import calibration, check_fault, not_active_error
+from scenarios.rigs.rig import check_fault, not_active_error
 from scenarios.trial.config import TrialConfig
 
 ConfigT = TypeVar("ConfigT", bound=TrialConfig)
 
-SOFTEST_OBJECT = "foam"  # of config/objects: the softest
 GENTLE_STOP_MPS2 = 1.0  # docs/first-day.md, "Set the arm's hardest stop"
 # speeds of the controller that are halved, with their least values
 HALVED = {

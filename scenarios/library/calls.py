@@ -32,7 +32,7 @@ from scenarios.library.results import (
 )
 from scenarios.lift.lift import lift as lift_experiment
 from scenarios.report.run_record import RunRecord
-from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.workers import Workers
 from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE

@@ -7,7 +7,9 @@ import msgspec
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import (
+    EARLY_S,
     SUCCESSES,
     LiftFacts,
     LiftResult,
@@ -18,7 +20,6 @@ from scenarios.lift.scoring import (
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import operator_prompts
-from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch, make_guard, run_trial
 from scenarios.trial.experiment import Experiment
 from scenarios.trial.operator_prompts import Operator, SlipReading
@@ -26,13 +27,6 @@ from scenarios.trial.result import later_ms, named, seconds
 from scenarios.world.truth import Truth
 
 ASKED_AFTER_S = 1.0  # pause at the top before the operator is asked for the slip distance
-
-
-class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one lift."""
-
-    def scene(self, seed: int) -> str:
-        return "lift"
 
 
 class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
@@ -120,16 +114,21 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         mark=trial.mark,
     )
     judged = not trial.fault and not trial.interrupted
-    if judged and trial.final is not None and false_start(facts):
-        return msgspec.structs.replace(facts, open_loop_onset_s=open_loop_onset_s(config, seed))
+    if judged and trial.final is not None and facts.registered_s and false_start(facts):
+        onset_s = open_loop_onset_s(config, seed, facts.registered_s + EARLY_S)
+        return msgspec.structs.replace(facts, open_loop_onset_s=onset_s)
     return facts
 
 
-def open_loop_onset_s(config: LiftConfig, seed: int) -> float | None:
-    """Onset of gross slip in the same trial simulated without reactions, s; None: no slip."""
+def open_loop_onset_s(config: LiftConfig, seed: int, until_s: float | None = None) -> float | None:
+    """Onset of gross slip in the same trial simulated without reactions, s; None: no slip, in the
+    whole lift or at least up to ``until_s``."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     open_loop = msgspec.structs.replace(config, rig="simulated", controller=controller)
     with open_rig(open_loop.built_for(seed), seed, paced=False) as rig:
         guard = make_guard(open_loop)
-        trial = run_trial(open_loop, rig, guard, lambda tick, truth, controller: None)
+        left_s = None if until_s is None else until_s - rig.clock.now_ns * 1e-9
+        trial = run_trial(
+            open_loop, rig, guard, lambda tick, truth, controller: None, deadline_s=left_s
+        )
     return trial.final.slip_onset_s if trial.final is not None else None

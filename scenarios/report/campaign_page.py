@@ -183,11 +183,13 @@ def _failure(
     varied = ", ".join(f"{key} = {swept[key]}" for key in spec.sweep if key in swept)
     error = row.error.strip().splitlines()[-1] if row.error else ""
     slip_mm = "" if row.slip_distance_m is None else f"{1e3 * row.slip_distance_m:.1f}"
+    controller = settings["controller"] | {"keep": not row.set_down}
+    command = command_of(settings | {"controller": controller}, str(row.seed), configured=False)
     return [
         Cell(str(row.trial)),
         Cell(f"{row.scenario}, {row.object}, {row.profile}, {row.detector}", varied),
         Cell(spelt(row.outcome or "error"), error),
         *cells(str(row.seed), slip_mm),
         Cell(links=links),
-        Cell(command_of(settings, str(row.seed), configured=False), code=True),
+        Cell(command, code=True),
     ]

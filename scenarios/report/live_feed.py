@@ -93,7 +93,7 @@ class LiveTrials:
         if self._fused:
             values.append(float(fused(obs.probabilities[None], self._config.rule)[0, 0]))
         if self._motion:
-            motion = obs.motion if slip.armed else None
+            motion = obs.motion() if slip.armed else None
             values += _empty(OF_MOTION) if motion is None else [
                 *motion.speed_mps, *motion.direction_deg, *motion.turning
             ]  # fmt: skip

@@ -14,7 +14,7 @@ from drivers.errors import ConfigError
 from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
-from scenarios.tap.mallet import TapSettings
+from scenarios.tap.config import TapSettings
 from scenarios.tap.tap import tap
 from scenarios.trial import operator_prompts
 from scenarios.trial.config import DEFAULT_PROFILE

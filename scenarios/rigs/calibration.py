@@ -3,7 +3,9 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
 
 from drivers.errors import ConfigError
 from drivers.robotiq.calibration import GripperCalibration
@@ -18,7 +20,9 @@ from grasp.settings import (
     suggestion,
     without_chosen,
 )
+from scenarios.rigs.config import GraspRigConfig
 
+ConfigT = TypeVar("ConfigT", bound=GraspRigConfig)
 Files = Path | Sequence[Path] | None  # user's files, later ones override; none: $GRASP_CONFIG
 
 
@@ -80,6 +84,28 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
     is_path = "/" in chosen or chosen.endswith(".toml")
     file = read_toml(Path(chosen)) if is_path else named_layer(KIND, chosen)
     return [Layer(file.source, {"calibration": {"name": Path(chosen).stem}}), file]
+
+
+def calibration(config: GraspRigConfig) -> GripperCalibration:
+    """Calibration of this rig's hand; raises ConfigError if none is chosen and, on real devices,
+    for an implausible one."""
+    if config.calibration is None:
+        raise ConfigError("gripper", "calibration", "not set; this rig has no default", choices())
+    if config.real:
+        check_weak_claim(config.calibration)
+    return config.calibration
+
+
+def settings_to_open(config: ConfigT) -> ConfigT:
+    """Settings for a command that only opens the hand, at the least force: the manual's calibration
+    replaces an implausible one. Raises ConfigError if none is chosen."""
+    try:
+        calibration(config)
+    except ConfigError:
+        if config.calibration is None:
+            raise
+        return msgspec.structs.replace(config, calibration=MANUAL)
+    return config
 
 
 def weak_claim(known: GripperCalibration) -> str:

@@ -1,8 +1,7 @@
 """Settings of a rig: its devices, their links and models, and the simulated world."""
 
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -10,14 +9,11 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.driver import DriverSettings as GripperSettings
-from drivers.robotiq.modbus import ModbusSettings
 from drivers.robotiq.model.hand import HandSettings
-from drivers.takktile.model.board import BoardModelSettings
-from drivers.takktile.settings import TakkTileSettings, UsbSettings
-from drivers.ur.driver import ArmSettings
-from drivers.ur.link.client import UrSettings
-from drivers.ur.model import ArmModelSettings
+from drivers.robotiq.settings import DriverSettings as GripperSettings
+from drivers.robotiq.settings import ModbusSettings
+from drivers.takktile.settings import BoardModelSettings, TakkTileSettings, UsbSettings
+from drivers.ur.settings import ArmModelSettings, ArmSettings, UrSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
     HALF_APERTURE_M,
@@ -30,7 +26,11 @@ from scenarios.world.settings import (
     WorldSettings,
 )
 
+if TYPE_CHECKING:  # slow to import, and rarely needed
+    from importlib.metadata import EntryPoint
+
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
+HARDWARE = "hardware"  # the rig of real devices
 CUT_SIGMAS = 2.5  # normal variates are clipped at this many standard deviations
 # Entry points of devices of other packages. Each is a function of its settings and of a clock
 # (monotonic, ns) that returns a context manager of a connected device with a protocol of
@@ -43,8 +43,10 @@ PackageSettings = Annotated[
 
 
 @cache
-def plugin_devices(device: str) -> dict[str, EntryPoint]:
+def plugin_devices(device: str) -> dict[str, "EntryPoint"]:
     """Entry points of one kind of device in installed packages, by name."""
+    from importlib.metadata import entry_points
+
     return {each.name: each for each in entry_points(group=GROUPS[device])}
 
 
@@ -141,7 +143,7 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     @property
     def real(self) -> bool:
         """Whether its devices are real."""
-        return self.rig == "hardware"
+        return self.rig == HARDWARE
 
     def __post_init__(self) -> None:
         if not self.real and self.devices.chosen:

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import (
     FAULTS,
     REGISTERS,
@@ -20,21 +20,21 @@ from drivers.robotiq.protocol import (
     implausible_values,
     mode_warning,
 )
+from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
-from scenarios.rigs.calibration import describe_calibration, weak_claim
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.calibration import calibration, describe_calibration, weak_claim
+from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig
 from scenarios.rigs.permission import (
-    HARDWARE,
     arm_address,
     board_address,
     devices_of,
     driving,
     gripper_address,
 )
-from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
+from scenarios.rigs.rig import CLOSED_AND_INACTIVE
 from scenarios.rigs.wired import open_board
 
 Finding = tuple[str, ...]  # status, detail and, unless the status is ok, remedy

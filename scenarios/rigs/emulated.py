@@ -14,14 +14,14 @@ import msgspec
 
 from drivers.errors import LinkLost
 from grasp.clock import WallClock
-from scenarios.rigs import emulated_cell
+from scenarios.rigs.cell_order import CellOrder
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
-from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import Rig, Stalls, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
 from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth
 
+CELL_PROGRAM = Path(__file__).with_name("emulated_cell.py")  # imported only in its process
 READY_S = 60.0  # includes compiling the world on a first run
 ANSWER_S = 60.0  # timeout of a reply from a cell on a busy machine
 POLL_NS = 100_000_000
@@ -94,7 +94,7 @@ class CellProcess:
         # -P: a folder called `drivers` in the working directory must not shadow the package
         home = str(Path(__file__).parents[2])
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", emulated_cell.__name__],
+            [sys.executable, "-P", str(CELL_PROGRAM)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             start_new_session=True,  # only the run handles a terminal's Ctrl-C and hang-up
             env={**os.environ, "PYTHONPATH": home},

@@ -1,6 +1,6 @@
 """The emulated cell: one process, one world, its emulated devices on one loopback address.
 
-    python -m scenarios.rigs.emulated_cell   reads a CellOrder, a line of JSON on stdin
+    python emulated_cell.py   reads a CellOrder, a line of JSON on stdin
 
 It prints one line of JSON with its endpoints when it is ready, and ends on SIGTERM, SIGINT, or when
 its standard input closes, so it ends with its parent. Every request first advances the world to the
@@ -29,7 +29,8 @@ from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.controller import EmulatorSettings
 from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
+from scenarios.rigs.cell_order import CellOrder
+from scenarios.rigs.compilation import COMPILING, on_first_compilation
 from scenarios.rigs.simulated import any_cell, cell_settings
 from scenarios.world.cell import PadPress, PadWeight, SimulatedCell
 from scenarios.world.settings import Impact
@@ -43,30 +44,8 @@ HOME_MPS, HOME_MPS2 = 0.1, 0.5  # motion to the start pose, as by the teach pend
 ARM_FAULT_S = 1.0  # timeout for a fault of the arm to take effect; a frozen arm takes longer
 OPEN_M = 0.02  # largest fingertip travel of a hand with room for an object
 LONGEST = 65_536  # bytes of a request
+END_POLL_S = 0.05  # longest that the control channel takes to end
 SHOWN = 500  # characters of an error message
-
-
-class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of a cell: a hand around an object, or one fingertip on a surface."""
-
-    seed: int
-    grasp: GraspRigConfig | None = None
-    press: PressRigConfig | None = None
-
-    @classmethod
-    def of(cls, config: AnyRigConfig, seed: int) -> Self:
-        """Order from the sections of ``config`` that a cell needs."""
-        if isinstance(config, GraspRigConfig):
-            return cls(seed=seed, grasp=part(config, GraspRigConfig))
-        return cls(seed=seed, press=part(config, PressRigConfig))
-
-    @property
-    def config(self) -> AnyRigConfig:
-        """Settings of the grasp or of the press. Raises ValueError without either."""
-        config = self.grasp or self.press
-        if config is None:
-            raise ValueError("the order has neither grasp nor press settings")
-        return config
 
 
 class CellOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -281,7 +260,8 @@ class ControlServer(socketserver.ThreadingTCPServer):
         self.port: int = self.server_address[1]
 
     def __enter__(self) -> Self:
-        threading.Thread(target=self.serve_forever, name="cell-control", daemon=True).start()
+        serve = partial(self.serve_forever, END_POLL_S)
+        threading.Thread(target=serve, name="cell-control", daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -308,7 +288,8 @@ def serve(
     """Open a cell, print its endpoints, and serve until ``ended`` is set. ``opened`` is called with
     the cell before it serves and must not block."""
     sys.setswitchinterval(SWITCH_S)
-    any_cell(order.config, order.seed).compile()
+    with on_first_compilation(lambda: print(f"cell: {COMPILING}", file=sys.stderr, flush=True)):
+        any_cell(order.config, order.seed).compile()
     make = partial(EmulatedCell, order, options=options)
     with closing(bind_free_address(make) if options.host is None else make(options.host)) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)

@@ -7,9 +7,8 @@ from typing import Any
 from drivers.errors import ConfigError
 from grasp import signals
 from grasp.clock import WallClock
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
+from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.permission import (
-    HARDWARE,
     MotionPermit,
     check_devices,
     devices_of,
@@ -17,7 +16,6 @@ from scenarios.rigs.permission import (
     require,
 )
 from scenarios.rigs.rig import GraspRig, PressRig, Rig, connect
-from scenarios.rigs.wired import acknowledgements, wired_devices
 
 
 def open_rig(
@@ -62,6 +60,8 @@ def _open(
 @contextmanager
 def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[Any, Any]]:
     """The rig of real devices, locked for this process."""
+    from scenarios.rigs.wired import acknowledgements, wired_devices
+
     release_hint = require(permit).release_hint
     check_devices(config)
     clock = WallClock(WallClock().now_ns)

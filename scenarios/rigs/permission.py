@@ -17,11 +17,9 @@ import msgspec
 
 from drivers.errors import ConfigError, Refused, UsageError
 from grasp.files import Holder, locked
-from scenarios.rigs.calibration import Files, config_files
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.calibration import Files, calibration, config_files
+from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig
 
-HARDWARE = "hardware"
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 MODE = 0o666  # other users must be able to lock it later
 # sections that identify the devices: a command that opens the hand must repeat them

@@ -5,14 +5,12 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import msgspec
 
-from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
+from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
-from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import BASIC, check_not_scissor
 from grasp import signals
 from grasp.clock import Clock
 from grasp.loop import Devices
-from scenarios.rigs.calibration import MANUAL, check_weak_claim, choices
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth
@@ -32,7 +30,6 @@ CLOSED_AND_INACTIVE = (
 
 CellT = TypeVar("CellT", "SimulatedCell", "PressedCell")
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
-ConfigT = TypeVar("ConfigT", bound=GraspRigConfig)
 
 
 class Stalls(msgspec.Struct, frozen=True):
@@ -81,28 +78,6 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
 
 GraspRig = Rig["SimulatedCell", Truth]
 PressRig = Rig["PressedCell", PressedTruth]
-
-
-def calibration(config: GraspRigConfig) -> GripperCalibration:
-    """Calibration of this rig's hand; raises ConfigError if none is chosen and, on real devices,
-    for an implausible one."""
-    if config.calibration is None:
-        raise ConfigError("gripper", "calibration", "not set; this rig has no default", choices())
-    if config.real:
-        check_weak_claim(config.calibration)
-    return config.calibration
-
-
-def settings_to_open(config: ConfigT) -> ConfigT:
-    """Settings for a command that only opens the hand, at the least force: the manual's calibration
-    replaces an implausible one. Raises ConfigError if none is chosen."""
-    try:
-        calibration(config)
-    except ConfigError:
-        if config.calibration is None:
-            raise
-        return msgspec.structs.replace(config, calibration=MANUAL)
-    return config
 
 
 def connect(

@@ -8,12 +8,10 @@ and time (``scenarios.tap.mallet``). Normal variates are clipped at 2.5 standard
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 import msgspec
 import numpy as np
-from numba.core import event
 from numpy.typing import NDArray
 
 from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
@@ -25,6 +23,7 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmDriver, ArmLink
 from drivers.ur.model import ArmModel
 from grasp.clock import PacedClock, VirtualClock
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import (
     CUT_SIGMAS,
     AnyRigConfig,
@@ -33,7 +32,7 @@ from scenarios.rigs.config import (
     VariationSettings,
     wider,
 )
-from scenarios.rigs.rig import Rig, calibration, connect
+from scenarios.rigs.rig import Rig, connect
 from scenarios.world.cell import CellSettings, SimulatedCell
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
@@ -41,11 +40,12 @@ from scenarios.world.settings import Level, level_named
 
 
 class LinkWrappers(msgspec.Struct, frozen=True):
-    """Wrappers around the links between the drivers and the device models, for tests."""
+    """Wrappers around the links between the drivers and the device models, for tests. Without one
+    the fingertips' frames are not encoded into bytes."""
 
     gripper: Callable[[RegisterTransport], RegisterTransport] = lambda transport: transport
     arm: Callable[[ArmModel], ArmLink] = lambda model: model
-    fingertips: Callable[[UsbBoard], UsbBoard] = lambda usb: usb
+    fingertips: Callable[[UsbBoard], UsbBoard] | None = None
 
 
 UNWRAPPED = LinkWrappers()
@@ -171,23 +171,3 @@ def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCel
     if isinstance(config, GraspRigConfig):
         return make_cell(config, seed, start_ns)
     return make_pressed_cell(config, seed, start_ns)
-
-
-class _FirstCompilation(event.Listener):
-    """Calls a function at the first compilation; functions in numba's cache are not compiled."""
-
-    def __init__(self, callback: Callable[[], None]) -> None:
-        self._callback: Callable[[], None] | None = callback
-
-    def on_start(self, _: Any) -> None:
-        if self._callback is not None:
-            callback, self._callback = self._callback, None
-            callback()
-
-    def on_end(self, _: Any) -> None:
-        pass
-
-
-def on_first_compilation(callback: Callable[[], None]) -> AbstractContextManager[None]:
-    """Context in which ``callback`` is called once, when the first function must be compiled."""
-    return event.install_listener("numba:compile", _FirstCompilation(callback))

@@ -16,13 +16,13 @@ from drivers.takktile.link import ReadingThread, UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import (
     AnyRigConfig,
     GraspRigConfig,
     PluginDeviceSettings,
     plugin_devices,
 )
-from scenarios.rigs.rig import calibration
 
 ANY_BOARD = "any"  # of `usb.serial`
 # timeouts of an emulated board, whose process may be slow on a busy machine

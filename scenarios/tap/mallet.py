@@ -9,16 +9,15 @@ strength of the tap vary between trials, so each trial measures its displacement
 import copy
 import math
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.rigs.config import CUT_SIGMAS
-from scenarios.trial.config import TrialConfig
+from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import HALF_APERTURE_M, ContactSettings, Impact, Level
 
@@ -33,53 +32,6 @@ OFFSET_SPREAD_M = 0.005  # standard deviation of the impact's position; assumed,
 WAIT_S = 0.3  # before an impact: uniform from 0 to this
 MALLET_KG = 0.454  # 16 oz (paper)
 RESTITUTION = 0.3  # rubber on the object; assumed, 0.2-0.5
-
-
-class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One tap. The search for the impulse follows the paper (section V-B): hard enough to move the
-    object, too weak to knock it out."""
-
-    # side: across the closing axis; closing: along that axis, onto the thumb (not in the paper)
-    direction: Annotated[
-        Literal["top", "side", "alternate", "closing"],
-        Meta(description="where the mallet strikes; alternate: even seeds top, odd seeds side"),
-    ] = "alternate"
-    aim_m: Annotated[
-        float, Meta(ge=0.001, le=0.03, description="m of displacement by the searched impulse")
-    ] = 0.007  # assumed, 2-20 mm
-    impulse_n_s: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="N s, impulse of the tap; 0: searched")
-    ] = 0.0
-    spread: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="relative standard deviation of the impulse")
-    ] = 0.2
-    side_offset_m: Annotated[
-        float, Meta(ge=-0.2, le=0.3, description="m, height of a side tap above the grip")
-    ] = 0.04
-    duration_s: Annotated[
-        float, Meta(ge=0.001, le=0.05, description="s, duration of the impact")
-    ] = 0.008
-    follow_fraction: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="follow-through's share of the tap's impulse")
-    ] = 0.1
-    follow_s: Annotated[
-        float, Meta(ge=0.001, le=0.2, description="s, duration of the follow-through")
-    ] = 0.03
-
-
-class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one tap."""
-
-    tap: TapSettings = TapSettings()
-
-    def direction(self, seed: int) -> str:
-        """Direction of the tap with that seed."""
-        if self.tap.direction != "alternate":
-            return self.tap.direction
-        return "top" if seed % 2 == 0 else "side"
-
-    def scene(self, seed: int) -> str:
-        return self.direction(seed)
 
 
 class Swing(msgspec.Struct, frozen=True):

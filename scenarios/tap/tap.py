@@ -18,7 +18,8 @@ from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
-from scenarios.tap.mallet import Swing, TapConfig, mallet_speed_mps, swing
+from scenarios.tap.config import TapConfig
+from scenarios.tap.mallet import Swing, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     NOT_TAPPED,
     UNMOVED,

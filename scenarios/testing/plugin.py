@@ -205,12 +205,15 @@ def emulated_board() -> Iterator[EmulatedBoard]:
     import numpy as np  # noqa: PLC0415
 
     from drivers.takktile.emulator.server import BoardServer  # noqa: PLC0415
-    from drivers.takktile.model.board import BoardModel, BoardModelSettings  # noqa: PLC0415
+    from drivers.takktile.model.board import CONVERTER_MAX, BoardModel  # noqa: PLC0415
+    from drivers.takktile.settings import BoardModelSettings  # noqa: PLC0415
 
     codes = np.full((3, 6), REST_CODE, np.int16)
     warm = np.full(codes.size, 500, np.int16)
     lock = threading.Lock()
-    model = BoardModel(BoardModelSettings(), lambda t_ns: lambda: (codes.ravel().copy(), warm))
+    model = BoardModel(
+        BoardModelSettings(), lambda t_ns: lambda: (codes.clip(0, CONVERTER_MAX).ravel(), warm)
+    )
     with BoardServer(model, lock, _some_address()) as server:
         yield EmulatedBoard(server, model, lock, codes)
 

@@ -30,8 +30,7 @@ from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml
 from grasp.slip_monitor import SlipSettings
-from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.config import HARDWARE, GraspRigConfig
 from scenarios.world.settings import ContactLevels, ContactTable
 
 DEFAULT_PROFILE = "default"

@@ -24,7 +24,8 @@ from grasp.realtime import real_time
 from grasp.slip_monitor import SlipMonitor
 from grasp.states import State
 from grasp.step import GraspStep
-from scenarios.rigs.rig import GraspRig, Stalls, calibration
+from scenarios.rigs.calibration import calibration
+from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.feasibility import check_arm, check_grip, check_override, check_waits
 from scenarios.trial.final_state import FinalState, end_message, final_state
@@ -256,7 +257,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
 def run_trial(
     config: TrialConfig, rig: GraspRig, guard: ForceGuard, watch: Watch,
-    follow: Follow = lambda tick, truth: False, deadline_s: float | None = None,
+    follow: Follow | None = None, deadline_s: float | None = None,
     home: Vector3 | None = None, detector: SlipDetector | None = None,
 ) -> FinishedTrial:  # fmt: skip
     """Run a controller to its end on an open rig.
@@ -267,14 +268,14 @@ def run_trial(
     one.
     """
     controller = make_controller(config, home)
-    trace = Trace()
+    trace, read_truth = Trace(), rig.read_truth
 
     def look() -> Truth | None:
         """The simulated truth; a lost simulation counts as a device error and is not read again."""
-        if WORLD in loop.errors:
+        if read_truth is None or WORLD in loop.errors:
             return None
         try:
-            return rig.truth()
+            return read_truth()
         except GraspError as error:
             loop.note(WORLD, error)
             return None
@@ -287,7 +288,8 @@ def run_trial(
             return
         truth = look()
         trace.add(tick, truth)
-        loop.set_down = follow(tick, truth)
+        if follow is not None:
+            loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
 
     bugs: list[Bug] = []

@@ -12,6 +12,7 @@ arm. ``finger_A`` to ``finger_C`` are the faces of the pads, ``object`` is the o
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import ClassVar
 
 import msgspec
@@ -214,21 +215,23 @@ class ViewerMessages:
         return Time.of(self._unix_ns + t_ns)
 
     def _lines(self, tick: Tick, changes: Sequence[PhaseChange]) -> list[Log]:
-        now, lines = self._time(tick.t_ns), []
+        """Log lines of new events; most steps have none."""
+        lines = []
         for c in changes:
             level, text = LEVELS.get(State(c.phase), INFO), f"{c.phase}: {c.cause}"
             lines.append(Log(self._time(c.t_ns), level, text, "phase"))
         if tick.decision.slip.event:
-            lines.append(Log(now, INFO, "slip registered", "slip"))
-        failed = (*tick.observation.faults, *tick.observation.reported)
-        new = [fault for fault in failed if fault.code not in self._failed]
-        self._failed = {fault.code for fault in failed}
-        lines += [Log(now, WARNING, fault.line, "check") for fault in new]
-        return lines + [
-            Log(self._time(each.sent_ns), WARNING, each.refused, "refused")
-            for each in tick.issued
-            if each.refused
-        ]
+            lines.append(Log(self._time(tick.t_ns), INFO, "slip registered", "slip"))
+        failed = tick.observation.faults + tick.observation.reported
+        if failed or self._failed:
+            now = self._time(tick.t_ns)
+            new = (fault for fault in failed if fault.code not in self._failed)
+            lines += [Log(now, WARNING, fault.line, "check") for fault in new]
+            self._failed = {fault.code for fault in failed}
+        for each in tick.issued:
+            if each.refused:
+                lines.append(Log(self._time(each.sent_ns), WARNING, each.refused, "refused"))
+        return lines
 
     def _transforms(self, tick: Tick, truth: Truth | None, home: Vector3) -> FrameTransforms:
         now = self._time(tick.t_ns)
@@ -269,17 +272,30 @@ def grid(now: Time, counts: NDArray[np.int16], layout_mm: Sequence[tuple[float, 
 
     Fingertips are side by side with an empty column between. ``layout_mm``: `fingertip.taxels_mm`.
     """
-    places = taxel_places(layout_mm, counts.shape[1])
-    columns, rows = (1 + max(place[axis] for place in places) for axis in (0, 1))
-    cells = np.zeros((rows, len(counts) * (columns + 1) - 1), "<i2")
-    for finger, pressed in enumerate(counts):
-        for (column, row), count in zip(places, pressed, strict=True):
-            cells[row, finger * (columns + 1) + column] = -count
+    shape, cells_of_taxels = _grid_cells(tuple(layout_mm), *counts.shape)
+    cells = np.zeros(shape, "<i2")
+    cells.flat[cells_of_taxels] = -counts.ravel()
     corner = point(GRID_X_M, -CELL_M * cells.shape[1] / 2.0)
     return Grid(
         now, "hand", Pose(corner, UPRIGHT), cells.shape[1], Vector(CELL_M, CELL_M),
         2 * cells.shape[1], 2, [PackedElementField("pressed", 0, INT16)], cells.tobytes(),
     )  # fmt: skip
+
+
+@cache
+def _grid_cells(
+    layout_mm: tuple[tuple[float, float], ...], fingers: int, taxels: int
+) -> tuple[tuple[int, int], list[int]]:
+    """Rows and columns of the grid, and the cell of each taxel, counted row by row."""
+    places = taxel_places(layout_mm, taxels)
+    columns, rows = (1 + max(place[axis] for place in places) for axis in (0, 1))
+    width = fingers * (columns + 1) - 1
+    cells = [
+        row * width + finger * (columns + 1) + column
+        for finger in range(fingers)
+        for column, row in places
+    ]
+    return (rows, width), cells
 
 
 def point(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Vector:

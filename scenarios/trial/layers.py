@@ -30,14 +30,13 @@ def detector_layers(word: str) -> list[Layer]:
 
     Raises ConfigError for an unknown name, and where that `.toml` file sets anything but rule and
     detector: it is found implicitly, so it must not change limits or devices."""
-    if word in installed_plugins() and word not in names("detectors"):
-        return []
     if not (is_plugin_file(word) or is_weights(word)):
-        return [
-            named_layer(
-                "detectors", word, (*installed_plugins(), f"FILE{FILE_SEPARATOR}NAME", "FILE.onnx")
-            )
-        ]
+        if word in names("detectors"):
+            return [named_layer("detectors", word)]
+        if word in (installed := installed_plugins()):
+            return []
+        others = (*installed, f"FILE{FILE_SEPARATOR}NAME", "FILE.onnx")
+        return [named_layer("detectors", word, others)]
     file = Path(word.rpartition(":")[0] if is_plugin_file(word) else word)
     beside = file.with_suffix(".toml")
     if not os.path.lexists(beside):

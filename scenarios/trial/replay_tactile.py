@@ -36,7 +36,7 @@ from grasp.commands import (
     describe,
 )
 from grasp.monitors.checks import Monitors
-from grasp.observation import StepInput
+from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
@@ -79,7 +79,7 @@ class _Lift:
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
         self.lifting = False  # the arm has been commanded to lift
-        self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
+        self._step = make_step(config, monitors=Monitors(config.monitors, enabled=False))
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN
@@ -103,7 +103,7 @@ class _Lift:
         moving = self.lifting and not self._arm_arrives
         arm = ArmState(t_ns, 0, self._arm_m, ORIGIN, moving)
         result = self._step.decide(
-            StepInput(
+            Observation(
                 t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
                 arm=arm,
             )

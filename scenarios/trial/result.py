@@ -149,7 +149,7 @@ class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
 
 
 def _quantiles(samples_ns: Sequence[int], unit_ns: float) -> Quantiles | None:
-    return quantiles(sample / unit_ns for sample in samples_ns)
+    return quantiles([sample / unit_ns for sample in samples_ns])
 
 
 def timing_result(

@@ -60,7 +60,7 @@ class RunFolder:
         CouldNotRecord."""
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
-        self._empty = True
+        self.write = self._recorder.write  # without a call in between, at every message
 
     def __enter__(self) -> Self:
         return self
@@ -73,11 +73,6 @@ class RunFolder:
     @property
     def recording(self) -> Path:
         return self.path / RECORDING
-
-    def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
-        """Write one message to the recording."""
-        self._empty = False
-        self._recorder.write(topic, t_ns, message)
 
     def finish(self, result: msgspec.Struct) -> None:
         """Close the recording and write the result; on CouldNotRecord both are removed."""
@@ -96,7 +91,7 @@ class RunFolder:
     def abandon(self) -> None:
         """End without a result: keep what was recorded, remove a folder without messages."""
         self._recorder.close()
-        if self._empty or self._recorder.failure is not None:
+        if self._recorder.empty or self._recorder.failure is not None:
             self._remove()
 
     def _remove(self) -> None:

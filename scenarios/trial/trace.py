@@ -3,7 +3,7 @@
 from drivers.interfaces import Counts3, Vector3
 from grasp.fault import Fault
 from grasp.loop import Issued, Tick
-from grasp.monitors.fingertips import at_rail
+from grasp.monitors.fingertips import taxels_at_rail
 from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
 from scenarios.world.truth import Truth
 
@@ -30,26 +30,25 @@ class Trace:
 
     def add(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""
-        self.last = tick
-        for fault in tick.observation.reported:
+        obs, self.last = tick.observation, tick
+        for fault in obs.reported:
             if not any(known.code == fault.code for known in self.reported):
                 self.reported += (fault,)
         phase = tick.decision.state
         if tick.decision.slip.event and self.registered_ns is None:
-            self.registered_ns = tick.t_ns
+            self.registered_ns = obs.t_ns
         for issued in tick.issued:
             if issued.applied is not None:
                 self.hand = issued
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
-        a_n, b_n, c_n = map(max, self.peak_estimated_n, tick.estimated_n)
+        a_n, b_n, c_n = map(max, self.peak_estimated_n, obs.estimated_n)
         self.peak_estimated_n = a_n, b_n, c_n
-        if tick.frame is not None:
-            railed = map(sum, at_rail(tick.frame.raw).tolist())
-            a, b, c = map(max, self.taxels_at_rail, railed)
+        if obs.frame is not None:
+            a, b, c = map(max, self.taxels_at_rail, taxels_at_rail(obs.frame))
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
-            self.estimated_n = max(tick.estimated_n)
+            self.estimated_n = max(obs.estimated_n)
         if truth is None:
             return
         if self._was_touched and not truth.touched:

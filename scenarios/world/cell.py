@@ -6,17 +6,19 @@ gripper model and contact law exchange forces every millisecond; each integrates
 
 import math
 from collections.abc import Callable
-from functools import partial
+from operator import itemgetter
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGER_NAMES, Vector3
+from drivers.interfaces import CODE_MAX, FINGER_NAMES
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_object_radps
 from scenarios.world.fingertip import Codes, Fingertips, HeldObject
@@ -37,6 +39,14 @@ EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # side of the object of each finger; the thumb opposes B and C
 PULL_AFTER_S = 0.2  # time for which the arm has stood still in the air; assumed
 CLOSING_MPS = 0.22  # closing speed of thumb and opposing fingers together, at most
+
+# entries of the contact's state that the truth consists of
+_TRUE_STATE = itemgetter(
+    laws.HEIGHT, laws.SPEED, laws.SLIP, laws.SLIP_SPEED,
+    *(first + i for first in (laws.NORMAL, laws.SHEAR, laws.PEAK) for i in range(FINGERS)),
+    laws.ONSET_S, laws.RISE_S, laws.SLOPE, laws.ACROSS, laws.TAP_START_S, laws.TAP_S,
+    laws.MOVED_FROM_S, laws.MOVED_UNTIL_S, laws.TURN, laws.SPIN,
+)  # fmt: skip
 
 
 Newtons = Annotated[float, within(0.0, 50.0)]
@@ -99,14 +109,11 @@ class SimulatedCell:
             settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0]
         )
         self._pull = PullTrigger(settings.pull, self._now_ns)
-        angle = math.radians(settings.fingertip.slip_direction_deg)
-        self._frames = PadFrames.at(angle)
-        self._turn = np.full(FINGERS, angle)  # the surface's x is the object's upwards
+        # the surface's x is the object's upwards
+        self._frames = PadFrames.at(math.radians(settings.fingertip.slip_direction_deg))
         self.contact = Contact(
             settings.contact, settings.body, settings.level, settings.impact_level
         )
-        # views of the contact's state, which stay up to date
-        self._loads = FingerLoads(self.contact.normal_n, self.contact.stiffness_npm)
         self._offset_m = settings.finger_offset_m
         self._travel_m = self.gripper.travel_m + self._offset_m
 
@@ -138,49 +145,51 @@ class SimulatedCell:
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
+        gripper = self.gripper
         while self._now_ns < now_ns:
-            end_ns = now_ns
-            if self.gripper.moving and self._near(now_ns):
-                end_ns = min(now_ns, self._now_ns + EXCHANGE_NS)
-            self._advance_to(end_ns)
+            t_ns, end_ns = self._now_ns, now_ns
+            before_m = self._travel_m
+            if gripper.moving:
+                reach_m = CLOSING_MPS * (now_ns - t_ns) * 1e-9
+                if self.contact.clearance_m(before_m) <= reach_m:
+                    end_ns = min(now_ns, t_ns + EXCHANGE_NS)
+                s = self.contact.state
+                loads = FingerLoads(s[laws.NORMAL : laws.NORMAL + FINGERS], s[laws.STIFFNESS :])
+                gripper.advance(end_ns, loads)
+                self._travel_m = gripper.travel_m + self._offset_m
+            else:
+                gripper.advance(end_ns)
+            (_, _, height_m), (_, _, rise_mps) = self.arm.advance(end_ns)
+            self.contact.advance(
+                (t_ns - self._start_ns) * 1e-9, (end_ns - t_ns) * 1e-9,
+                height_m - self._arm_height_m, self._arm_rise_mps, rise_mps,
+                before_m, self._travel_m,
+            )  # fmt: skip
+            self._arm_height_m, self._arm_rise_mps = height_m, rise_mps
+            self._now_ns = end_ns
+            if self._pull.waits:
+                self._begin_pull()
 
-    def _near(self, until_ns: int) -> bool:
-        """Whether moving fingers touch the object or could reach it by then."""
-        reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
-        touched = bool(self.contact.normal_n.max() > 0.0)
-        return touched or self.contact.clearance_m(self._travel_m) <= reach_m
-
-    def _advance_to(self, end_ns: int) -> None:
-        t0, t1 = self._now_ns, end_ns
-        before, moved = self._travel_m, self.gripper.moving
-        self.gripper.advance(t1, self._loads)
-        if moved:
-            self._travel_m = self.gripper.travel_m + self._offset_m
-        self.arm.brake_if_unread(t1)
-        height, rise_mps = self.arm.vertical(t1)
-        self.contact.advance(
-            (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,
-            height - self._arm_height_m, self._arm_rise_mps, rise_mps,
-            before, self._travel_m,
-        )  # fmt: skip
-        self._arm_height_m, self._arm_rise_mps = height, rise_mps
-        self.arm.commit(end_ns)
-        self._now_ns = end_ns
-        if self._pull.begins(end_ns, float(self.contact.state[laws.HEIGHT]), rise_mps):
-            self.contact.pull(self._pull.settings, (end_ns - self._start_ns) * 1e-9)
+    def _begin_pull(self) -> None:
+        """Begin the pull if it is due."""
+        height_m = float(self.contact.state[laws.HEIGHT])
+        if self._pull.begins(self._now_ns, height_m, self._arm_rise_mps):
+            self.contact.pull(self._pull.settings, (self._now_ns - self._start_ns) * 1e-9)
 
     def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
-        """Sampling function for the contact state of now; evaluated only if the board reads it."""
-        return partial(
-            self._sample, t_ns, self.contact.state.copy(), self.shaken or self._arm_rise_mps != 0.0
-        )
+        """Sampling function for the contact state of now; evaluated only if the board reads it, and
+        before the next one."""
+        arm_moves = self.shaken or self._arm_rise_mps != 0.0
+        self._latched = t_ns, self.contact.state.copy(), arm_moves
+        return self._sample
 
-    def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
-        motion, turn, centre = self.contact.surface_motion(s, self._frames)
+    def _sample(self) -> tuple[Codes, Codes]:
+        t_ns, s, arm_moves = self._latched
+        motion_mm, turn, centre_mm = self.contact.surface_motion(s, self._frames)
         self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
-            s[laws.NORMAL : laws.NORMAL + FINGERS] + self._weights_n, motion * 1e3,
-            self._turn + turn, centre * 1e3, arm_moves,
+            s[laws.NORMAL : laws.NORMAL + FINGERS] + self._weights_n,
+            motion_mm, turn, centre_mm, arm_moves,
         )  # fmt: skip
         pressure, temperature = self.fingertips.codes()
         return self._damage.apply(pressure).ravel(), temperature.ravel()
@@ -188,23 +197,25 @@ class SimulatedCell:
     def compile(self) -> None:
         """Run every compiled function once. The first run on a machine takes seconds, so it must
         finish before a device has to reply."""
-        self.contact.compile()
-        self._near(self._now_ns + EXCHANGE_NS)
-        self._advance_to(self._now_ns + EXCHANGE_NS)
+        self.contact.clearance_m(self._travel_m)
+        self.advance(self._now_ns + EXCHANGE_NS)
         self._latch(self._now_ns)()
 
     def truth(self) -> Truth:
         """The state of the world at the time that it was last advanced to."""
-        s = self.contact.state.tolist()
+        (
+            height_m, speed_mps, slip_m, slip_mps, a_n, b_n, c_n, a_shear_n, b_shear_n, c_shear_n,
+            a_peak_n, b_peak_n, c_peak_n, onset_s, rise_s, slope, across_m, tap_start_s, tap_s,
+            moved_from_s, moved_until_s, turn_rad, spin_radps,
+        ) = _TRUE_STATE(self.contact.state.tolist())  # fmt: skip
         return Truth(
-            t_ns=self._now_ns, height_m=s[laws.HEIGHT], speed_mps=s[laws.SPEED],
-            slip_distance_m=s[laws.SLIP], slip_speed_mps=s[laws.SLIP_SPEED],
-            normal_n=_three(s, laws.NORMAL), shear_n=_three(s, laws.SHEAR),
-            peak_n=_three(s, laws.PEAK), slip_onset_s=_time(s[laws.ONSET_S]),
-            force_rise_s=_time(s[laws.RISE_S]), flank_slope=s[laws.SLOPE], across_m=s[laws.ACROSS],
-            impact_s=s[laws.TAP_START_S] if s[laws.TAP_S] > 0.0 else None,
-            moved_from_s=_time(s[laws.MOVED_FROM_S]), moved_until_s=_time(s[laws.MOVED_UNTIL_S]),
-            turn_rad=s[laws.TURN], turn_speed_radps=s[laws.SPIN],
+            self._now_ns, height_m, speed_mps, slip_m, slip_mps, (a_n, b_n, c_n),
+            (a_shear_n, b_shear_n, c_shear_n), (a_peak_n, b_peak_n, c_peak_n),
+            None if onset_s == laws.NOT_YET else onset_s,
+            None if rise_s == laws.NOT_YET else rise_s,
+            slope, across_m, tap_start_s if tap_s > 0.0 else None,
+            None if moved_from_s == laws.NOT_YET else moved_from_s,
+            None if moved_until_s == laws.NOT_YET else moved_until_s, turn_rad, spin_radps,
         )  # fmt: skip
 
 
@@ -214,17 +225,17 @@ class PullTrigger:
     def __init__(self, settings: PullSettings, now_ns: int) -> None:
         self.settings = settings
         self._since_ns = now_ns
-        self._triggered = settings.force_n == 0.0
+        self.waits = settings.force_n != 0.0
 
     def begins(self, now_ns: int, height_m: float, rise_mps: float) -> bool:
         """True once: when the object, at height_m, has stayed up for PULL_AFTER_S with the arm,
         whose vertical speed is rise_mps, at rest."""
-        if self._triggered:
+        if not self.waits:
             return False
         if rise_mps != 0.0 or height_m < self.settings.above_m:
             self._since_ns = now_ns
-        self._triggered = now_ns - self._since_ns >= PULL_AFTER_S * 1e9
-        return self._triggered
+        self.waits = now_ns - self._since_ns < PULL_AFTER_S * 1e9
+        return not self.waits
 
 
 class TaxelDamage:
@@ -248,8 +259,9 @@ class TaxelDamage:
         if self._first is None or self._lost is None:
             self._first, self._lost = codes.copy(), self._choose_lost_taxels(*codes.shape)
         noise = self._noise_counts * self._rng.standard_normal(codes.shape)
-        out = np.rint(self._first + self._gain * (codes - self._first) + noise)
-        return np.where(self._lost, self._first, out.astype(np.int16))
+        exact = self._first + self._gain * (codes - self._first) + noise
+        out = np.clip(np.rint(exact), 0, CODE_MAX).astype(np.int16)
+        return np.where(self._lost, self._first, out)
 
     def _choose_lost_taxels(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
         lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)
@@ -267,11 +279,3 @@ def surface_of(body: GraspObject) -> Surface:
         texture_rms_mm=body.texture_rms_m * 1e3, texture_length_mm=body.texture_length_m * 1e3,
         friction_static=body.friction_static, friction_kinetic=body.friction_kinetic,
     )  # fmt: skip
-
-
-def _three(state: list[float], at: int) -> Vector3:
-    return state[at], state[at + 1], state[at + 2]
-
-
-def _time(t_s: float) -> float | None:
-    return None if t_s == laws.NOT_YET else t_s

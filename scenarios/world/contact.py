@@ -111,6 +111,7 @@ def elements(level: Level, brush_points: int = BRUSH_POINTS) -> Floats:
 class PadFrames(msgspec.Struct, frozen=True):
     """The scene's directions in the frame of each pad; the pads face each other."""
 
+    angle_rad: float  # of upwards, from each pad's x
     up: Floats  # (3, 2)
     across: Floats  # (3, 2)
     turns: Floats  # (3,) of a rotation from across to upwards
@@ -120,7 +121,8 @@ class PadFrames(msgspec.Struct, frozen=True):
         """Frames in which upwards is at that angle from each pad's x."""
         cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         opposed = np.array([1.0, -1.0, -1.0])
-        return cls(np.tile([cos, sin], (FINGERS, 1)), np.outer(opposed, [-sin, cos]), -opposed)
+        up, across = np.tile([cos, sin], (FINGERS, 1)), np.outer(opposed, [-sin, cos])
+        return cls(angle_rad, up, across, -opposed)
 
 
 class Contact:
@@ -146,6 +148,7 @@ class Contact:
         self._parameters = parameters(settings, body, level)
         self._elements = elements(level)
         self._places_m = FINGER_PLACES_M[:, 0]
+        self._in_impact = False  # until the object has come to rest
         self._last_motion_s = 0.0  # last time at which the object moved after an impact
 
     @property
@@ -159,6 +162,7 @@ class Contact:
         self.state[laws.SLIP], self.state[laws.COM_RISE] = above_m, -above_m
         self._switch_level(self._base_level)
         self._elements[:, laws.E_SLIDES :] = 0.0
+        self._in_impact = False
 
     def _switch_level(self, level: Level) -> None:
         """Change the contact level; each new element takes its finger's mean stretch."""
@@ -185,6 +189,7 @@ class Contact:
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
         if impact.direction == "closing" and s[laws.HAS_INERTIA] == 0.0:
             free_along_closing_axis(self._parameters, s, self.normal_n)
+        self._in_impact = self.level is not self._base_level or s[laws.HAS_INERTIA] != 0.0
         self._last_motion_s = start_s + impact.duration_s + impact.follow_s
 
     def _is_at_rest(self, t_s: float) -> bool:
@@ -203,6 +208,7 @@ class Contact:
         s[laws.ACROSS_SPEED] = s[laws.TURN_RATE] = s[laws.SPIN] = 0.0
         s[laws.HAS_INERTIA] = s[laws.LATERAL_SPEED] = 0.0
         self._switch_level(self._base_level)
+        self._in_impact = False
 
     def pull(self, settings: PullSettings, start_s: float) -> None:
         """Apply a downward force from start_s on, with a ramp at either end."""
@@ -227,41 +233,26 @@ class Contact:
     ) -> None:  # fmt: skip
         """Advance from t_s by dt_s. The hand rises by rise_m, at from_mps first and to_mps last;
         the fingers close from travel0 to travel1, (3,) m."""
-        if self.state[laws.PRESENT] == 0.0:  # during activation there is no object
-            return
-        in_impact = self.level is not self._base_level or self.state[laws.HAS_INERTIA] != 0.0
-        if in_impact and self._is_at_rest(t_s):
+        if self._in_impact and self._is_at_rest(t_s):
             self._end_impact()
         laws.advance(
             self._parameters, self.state, self._elements, t_s, dt_s, self._settings.step_s,
             rise_m, from_mps, to_mps, travel0, travel1,
         )  # fmt: skip
 
-    def compile(self) -> None:
-        """Compile the law by running it on a copy; ``advance`` skips it without an object."""
-        still = np.zeros(FINGERS)
-        laws.advance(
-            self._parameters, self.state.copy(), self._elements.copy(), 0.0, 1e-3,
-            self._settings.step_s, 0.0, 0.0, 0.0, still, still,
-        )  # fmt: skip
-
-    @property
-    def stiffness_npm(self) -> Floats:
-        """(3,) dN/dtravel of each finger, the others at rest; a view of the state."""
-        return self.state[laws.STIFFNESS :]
-
     def clearance_m(self, travel: Floats) -> float:
         """Gap between the object and the pads, m: sum of the thumb's and the nearest opposing
-        finger's."""
+        finger's; 0 while a finger touches the object."""
         gap: float = laws.clearance(self._parameters, self.state, travel)
         return gap
 
     def surface_motion(self, state: Floats, frames: PadFrames) -> tuple[Floats, Floats, Floats]:
-        """Motion (3, 2), m, and turn (3,), rad, of the surface at each pad's centre, and centre
-        (3, 2), m, of a curved one; in the pads' frames, from a copy of the state."""
-        motion, turn, centre = np.empty((FINGERS, 2)), np.empty(FINGERS), np.empty((FINGERS, 2))
+        """Motion (3, 2), mm, and angle (3,), rad, of the surface at each pad's centre, and centre
+        (3, 2), mm, of a curved one; in the pads' frames, from a copy of the state."""
+        motion_mm, centre_mm = np.empty((FINGERS, 2)), np.empty((FINGERS, 2))
+        turn = np.empty(FINGERS)
         laws.surface_motion(
-            self._parameters, state, frames.up, frames.across, self._places_m, frames.turns,
-            motion, turn, centre,
+            self._parameters, state, frames.angle_rad, frames.up, frames.across, self._places_m,
+            frames.turns, motion_mm, turn, centre_mm,
         )  # fmt: skip
-        return motion, turn, centre
+        return motion_mm, turn, centre_mm

@@ -72,6 +72,12 @@ W_Y, W_Z, W_TURN, W_LOSS, W_CAP, W_ARM_Y, W_ARM_Z, W_SPIN = range(8)
 SLIDER = 1.0  # value of P_LEVEL; higher levels model rotation
 
 
+# For functions that only compiled code calls. A wrapper for Python, or for a short function a
+# compilation of its own, would take longer to compile than the function.
+inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # type: ignore[call-overload]
+inlined = njit(inline="always")
+
+
 @njit(cache=True)
 def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
     """Half width (m) of the object at a flat pad after sliding by ``slip``, and its slope dw/du.
@@ -93,7 +99,7 @@ def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
     return width, slope if u > 0.0 else -slope
 
 
-@njit(cache=True)
+@inlined
 def centre_on_pad(p: Floats, slip: float) -> float:
     """Position of the object's widest point on the pads, m above their centre; 0 if straight."""
     if p[P_SHAPE] == 0.0:
@@ -103,7 +109,7 @@ def centre_on_pad(p: Floats, slip: float) -> float:
     return centre
 
 
-@njit(cache=True)
+@inlined
 def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Compression of each finger's spring (3,), m, into ``out``, at lateral position zero: wall
     minus pad surface minus relaxation."""
@@ -191,7 +197,10 @@ def inertial_normal_forces(
 
 @njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
-    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m."""
+    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m; 0 while a
+    finger touches it."""
+    if max(s[NORMAL], s[NORMAL + 1], s[NORMAL + 2]) > 0.0:
+        return 0.0
     width, _ = width_and_slope(p, s[SLIP])
     if s[PRESENT] == 0.0 or width < 0.0:
         return np.inf
@@ -212,7 +221,7 @@ def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> 
         out[i] = k * (1.0 - k / total) if forces[i] > 0.0 else 0.0
 
 
-@njit(cache=True)
+@inlined
 def _residual_vertical(
     v: float, inertia: float, push: float, a: Floats, b: float, cap: Floats
 ) -> float:
@@ -240,7 +249,7 @@ def solve_vertical(inertia: float, push: float, a: Floats, b: float, cap: Floats
     return v
 
 
-@njit(cache=True)
+@inner
 def _solve_bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
     low, high = -np.inf, np.inf
     for i in range(FINGERS):
@@ -271,7 +280,7 @@ def _solve_bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floa
     return total / slope
 
 
-@njit(cache=True)
+@inner
 def _residual(
     v: Floats, inertia: Floats, push: Floats, work: Floats, r: Floats, hessian: Floats
 ) -> None:
@@ -311,7 +320,7 @@ def _residual(
         hessian[2, 2] += across * (y * y + z * z + spin * spin)
 
 
-@njit(cache=True)
+@inlined
 def _newton_direction(r: Floats, h: Floats, d: Floats) -> None:
     """d = -h^-1 r for the symmetric positive definite h (3, 3), upper half given."""
     l00 = math.sqrt(h[0, 0])
@@ -327,7 +336,7 @@ def _newton_direction(r: Floats, h: Floats, d: Floats) -> None:
     d[0] = (x0 - l10 * d[1] - l20 * d[2]) / l00
 
 
-@njit(cache=True)
+@inner
 def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: Floats) -> int:
     """Root of the residual into v (3,), which holds the initial guess; work (E, 8) has the columns
     W_*, small (6, 3) is scratch. Returns the number of iterations."""
@@ -362,7 +371,7 @@ def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: 
     return NEWTON_LIMIT
 
 
-@njit(cache=True)
+@inlined
 def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
     """Impulse delivered so far by a half-sine pulse, N s; 0 for one without duration."""
     if duration_s <= 0.0:
@@ -371,7 +380,7 @@ def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
     return 0.5 * impulse_n_s * (1.0 - math.cos(math.pi * phase))
 
 
-@njit(cache=True)
+@inlined
 def tap_force(s: Floats, t_s: float, h: float) -> float:
     """Mean force, N, of the mallet from t_s over h seconds, so that steps preserve its impulse: a
     half sine of TAP_N_S, then a longer one of FOLLOW_N_S while the hand follows through."""
@@ -383,7 +392,7 @@ def tap_force(s: Floats, t_s: float, h: float) -> float:
     return carried / h
 
 
-@njit(cache=True)
+@inlined
 def pull_force(s: Floats, t_s: float) -> float:
     """Force, N, of the steady pull at time t_s."""
     since, ramp_s = t_s - s[PULL_START_S], s[PULL_RAMP_S]
@@ -393,7 +402,7 @@ def pull_force(s: Floats, t_s: float) -> float:
     return float(s[PULL_N] * min(1.0, since / ramp_s, max(0.0, left / ramp_s)))
 
 
-@njit(cache=True)
+@inner
 def _step_vertical(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float, n: Floats,
     a: Floats, cap: Floats,
@@ -426,7 +435,7 @@ def _step_vertical(
     return v
 
 
-@njit(cache=True)
+@inner
 def _step_planar(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float,
     force_y: float, torque: float, n: Floats, work: Floats, small: Floats,
@@ -460,7 +469,7 @@ def _step_planar(
         v[0], v[1], v[2] = 0.0, -s[HEIGHT] / h, 0.0  # the table
 
 
-@njit(cache=True)
+@inner
 def _update_elements(
     p: Floats, s: Floats, e: Floats, h: float, v: Floats, n: Floats, work: Floats, sticking: Floats
 ) -> None:
@@ -492,7 +501,7 @@ def _update_elements(
         e[j, E_STRETCH_TURN] = (f2 * back + damper * e[j, E_STRETCH_TURN]) / stiff
 
 
-@njit(cache=True)
+@inlined
 def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
     for i in range(FINGERS):
         s[NORMAL + i] = n[i]
@@ -504,7 +513,7 @@ def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
             s[RELAXED + i] *= p[P_TAU] / (h + p[P_TAU])
 
 
-@njit(cache=True)
+@inlined
 def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats) -> None:
     """Update the object's position and slip speed at the end of a vertical step."""
     relative = v_hand - v
@@ -520,7 +529,7 @@ def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: F
     s[SLIP_SPEED] = relative if all_slide and touching else 0.0
 
 
-@njit(cache=True)
+@inlined
 def _move_planar(
     p: Floats, s: Floats, h: float, v_hand: float, v: Floats, n: Floats, sticking: Floats
 ) -> None:
@@ -570,11 +579,11 @@ def step(
         _update_elements(p, s, e, h, small[6], n, work, small[0])
         _move_planar(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
-    if n.max() > 0.0:
+    if n[0] > 0.0 or n[1] > 0.0 or n[2] > 0.0:
         s[SLOPE] = slope
 
 
-@njit(cache=True)
+@inlined
 def _record_events(p: Floats, s: Floats, t_s: float) -> None:
     """Record the onset of gross slip, the force rise after it, and motion after an impact."""
     gross = abs(s[SLIP_SPEED]) > p[P_GROSS_SLIP] or abs(s[SPIN]) > p[P_GROSS_TURN]
@@ -590,7 +599,7 @@ def _record_events(p: Floats, s: Floats, t_s: float) -> None:
         s[MOVED_UNTIL_S] = t_s
 
 
-@njit(cache=True)
+@inlined
 def _external_forces(s: Floats, t_s: float, h: float, out: Floats) -> None:
     """Forces of mallet and pull in a step of h seconds from t_s, as ``step`` expects them."""
     force = tap_force(s, t_s, h)
@@ -610,12 +619,14 @@ def advance(
     finger_rise_m: float, v0: float, v1: float, travel0: Floats, travel1: Floats,
 ) -> None:  # fmt: skip
     """Advance state and elements by dt_s. The fingers rise by finger_rise_m with speeds v0 -> v1 at
-    the ends and close from travel0 to travel1 (3,), m.
+    the ends and close from travel0 to travel1 (3,), m. Nothing changes without an object.
 
     Records the onset of gross slip: the first instant at which every touching pad slides faster
     than 3 mm/s, or the object turns faster than 0.2 rad/s with at most one sticking pad. After it,
     records the first rise of the thumb's force.
     """
+    if s[PRESENT] == 0.0:
+        return
     tapped = s[TAP_S] > 0.0
     since_impact = t_s + dt_s - s[TAP_START_S] if tapped else -1.0
     if 0.0 < since_impact < IMPACT_LASTS_S + dt_s:
@@ -623,7 +634,8 @@ def advance(
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
     h = dt_s / steps
     mean = finger_rise_m / dt_s
-    travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.zeros(4)
+    travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.empty(4)
+    impact[:] = 0.0
     work, small = np.empty((e.shape[0], 8)), np.empty((9, 3))
     for j in range(steps):
         middle = (j + 0.5) / steps
@@ -640,16 +652,16 @@ def advance(
 
 @njit(cache=True)
 def surface_motion(
-    p: Floats, s: Floats, up: Floats, across: Floats, places: Floats, turns: Floats,
-    motion: Floats, turn: Floats, centre: Floats,
+    p: Floats, s: Floats, angle: float, up: Floats, across: Floats, places: Floats, turns: Floats,
+    motion_mm: Floats, turn: Floats, centre_mm: Floats,
 ) -> None:  # fmt: skip
-    """Surface motion in the pads' frames: motion (F, 2), m, and turn (F,), rad, at each pad's
-    centre, at ``places`` (F,) across; centre (F, 2), m, of a curved surface. ``up`` and ``across``
-    (F, 2) and ``turns`` (F,) are the pads' frames."""
+    """Surface motion in the pads' frames: motion (F, 2), mm, and angle (F,), rad, at each pad's
+    centre, at ``places`` (F,), m, across; centre (F, 2), mm, of a curved surface. Upwards is at
+    ``angle`` from a pad's x; ``up`` and ``across`` (F, 2) and ``turns`` (F,) are its frame."""
     middle = centre_on_pad(p, s[SLIP])
     for i in range(FINGERS):
         rise = s[TURN] * places[i] - s[SLIP]  # the object lags behind rising fingers
         for d in range(2):
-            motion[i, d] = s[ACROSS] * across[i, d] + rise * up[i, d]
-            centre[i, d] = middle * up[i, d]
-        turn[i] = turns[i] * s[TURN]
+            motion_mm[i, d] = (s[ACROSS] * across[i, d] + rise * up[i, d]) * 1e3
+            centre_mm[i, d] = middle * up[i, d] * 1e3
+        turn[i] = angle + turns[i] * s[TURN]

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGERS, PERIOD_NS
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world.fingertip import REST_HIGH, REST_LOW, Fingertips
 from scenarios.world.settings import (
     WALL_STIFFNESS_NPM,
@@ -71,12 +73,12 @@ class PressedCell:
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
         self._now_ns = max(self._now_ns, now_ns)
-        arm, t = self.arm, self._now_ns
-        arm.brake_if_unread(t)
-        arm.commit(t)
-        x, y, _ = arm.velocity(t)
-        strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin(t)) > STROKE_RADPS
-        self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), strokes or self.shaken)
+        t = self._now_ns
+        self.arm.advance(t)
+        arm = self.arm.at(t)
+        x, y, _ = arm.velocity_mps
+        strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin_radps) > STROKE_RADPS
+        self.pad.advance(t * 1e-9, arm.position_m, arm.angle_rad, strokes or self.shaken)
         span_s = (t - self._since_ns) * 1e-9
         if span_s >= SPAN_S:
             slid = self.pad.tips.slid[0]

@@ -1,4 +1,4 @@
-"""Cost of a detector update, streaming and with the full window, and memory over many updates.
+"""Cost of an update, compiled and in ONNX Runtime, and memory over many updates.
 
 Memory use of the first steps does not count as growth. Fewer steps: STEPS=200000.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.network import run_network
+from detector.network import RuntimeNetwork, engine_of, run_network
 from detector.network_file import packaged_networks, read_network, weights_path
 from detector.scores.quantiles import quantile
 from tests.unit.detector.network_files import walk
@@ -30,20 +30,22 @@ def microseconds(update: Callable[[int], object], times: int) -> np.ndarray:
     return durations
 
 
+def median_us(run: Callable[[], object]) -> float:
+    microseconds(lambda _: run(), 500)
+    return quantile(np.sort(microseconds(lambda _: run(), UPDATES)), 0.5)
+
+
 @pytest.mark.bench
-def test_streaming_against_a_whole_window_for_three_fingers() -> None:
-    counts = walk(UPDATES)
-    cost = {}
-    for name in ("tcn", "gru", "tcn-paper"):
-        detector = run_network(read_network(weights_path(name)), 3)
-        microseconds(lambda i, d=detector: d.update(counts[i]), 500)  # type: ignore[misc]
-        spent = np.sort(microseconds(lambda i, d=detector: d.update(counts[i]), UPDATES))  # type: ignore[misc]
-        cost[name] = quantile(spent, 0.5)
-        print(f"\n{name}: {cost[name]:.0f} us p50, {quantile(spent, 0.99):.0f} p99 of the "
-              "thread's time", end="")  # fmt: skip
-    ratio = cost["tcn-paper"] / cost["tcn"]
-    print(f"\nthe whole window of tcn-paper takes {ratio:.1f} times an update of the tcn")
-    assert ratio > 4.0
+def test_compiled_networks_against_onnx_runtime_for_three_fingers() -> None:
+    ratios = {}
+    for name in packaged_networks():
+        loaded = read_network(weights_path(name))
+        compiled, other = (
+            median_us(engine.run) for engine in (engine_of(loaded, 3), RuntimeNetwork(loaded, 3))
+        )
+        ratios[name] = other / compiled
+        print(f"\n{name}: {compiled:.1f} us p50, {other:.1f} in ONNX Runtime", end="")
+    assert ratios["tcn"] > 3.0 and min(ratios.values()) > 1.0, ratios
 
 
 def resident_kb() -> int:

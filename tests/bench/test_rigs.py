@@ -1,22 +1,35 @@
-"""The same seeds on the emulated and the simulated rig: phases, slip distance, latencies."""
+"""The emulated rig against the simulated one, and the time from a decision to its reply."""
 
+from pathlib import Path
+from typing import Any
+
+import msgspec
 import numpy as np
 import pytest
 
 from detector.scores.quantiles import quantile
+from grasp.cli.live import Display
+from grasp.commands import MoveFingers
+from grasp.observation import Observation
+from grasp.states import State
+from grasp.step import GraspStep, StepResult
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
+from scenarios.report.live_feed import LiveTrials
+from scenarios.trial import execution
+from scenarios.trial.series import TrialContext
 
 SEEDS = range(25)
 OBJECTS = ("box", "can")
 QUICK = ("hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.1")
+LONG_HOLD = ("hand.activation_s=0.5", "controller.hold_s=20", "controller.lift_height_m=0.05")
 MM_PER_MS = 0.1  # the arm's speed
 
 
 @pytest.mark.bench
 @pytest.mark.timeout(1800)
 def test_emulated_lifts_equal_simulated_ones_except_for_latency() -> None:
-    rest_mm, later_ms, acknowledged_us, decided_us, same, stalls = [], [], [], [], 0, 0
+    rest_mm, later_ms, same, stalls = [], [], 0, 0
     for name in OBJECTS:
         for seed in SEEDS:
             wired, virtual = (
@@ -32,18 +45,68 @@ def test_emulated_lifts_equal_simulated_ones_except_for_latency() -> None:
             later_ms.append(wired.reaction_latency_ms - virtual.reaction_latency_ms)
             more_mm = 1e3 * ((wired.slip_distance_m or 0) - (virtual.slip_distance_m or 0))
             rest_mm.append(more_mm - MM_PER_MS * later_ms[-1])
-            if wired.timing.decision_to_ack_us and wired.timing.frame_to_decision_us:
-                acknowledged_us.append(wired.timing.decision_to_ack_us)
-                decided_us.append(wired.timing.frame_to_decision_us)
     total = len(OBJECTS) * len(SEEDS)
     print(f"\nsame phases in {same} of {total}; {stalls} stalls of the cell over 50 ms")
     p50, p90, p99 = (quantile(sorted(later_ms), share) for share in (0.5, 0.9, 0.99))
     print(f"reaction later by p50 {p50:.1f}, p90 {p90:.1f}, p99 {p99:.1f} ms ("
           f"{np.min(later_ms):.0f} to {np.max(later_ms):.0f}); slip not explained by that: "
           f"at most {np.abs(rest_mm).max():.2f} mm")  # fmt: skip
-    for text, spreads in (("frame to decision", decided_us),
-                          ("decision to acknowledged write", acknowledged_us)):  # fmt: skip
-        p50, p90, p99, worst = (max(getattr(s, n) for s in spreads) if n == "max" else
-                                quantile(sorted(getattr(s, n) for s in spreads), 0.5)
-                                for n in ("p50", "p90", "p99", "max"))  # fmt: skip
-        print(f"{text}: p50 {p50:.0f}, p90 {p90:.0f}, p99 {p99:.0f}, max {worst:.0f} us")
+
+
+class Commanding:
+    """A control step that, during the hold, also commands the hand in every third period: to stay
+    where it is, at another speed. Each command is one write, and nothing moves."""
+
+    def __init__(self, step: GraspStep, force_n: float) -> None:
+        self._step, self._force_n = step, force_n
+        self._steps = self.commands = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._step, name)
+
+    def decide(self, obs: Observation) -> StepResult:
+        result = self._step.decide(obs)
+        self._steps += 1
+        decision = result.decision
+        if self._steps % 3 or decision.state is not State.HOLD or decision.commands:
+            return result
+        self.commands += 1
+        speed_mps = (0.03, 0.05)[self.commands % 2]
+        command = MoveFingers(obs.gripper.requested, speed_mps, self._force_n)
+        decision = msgspec.structs.replace(decision, commands=(command,))
+        return StepResult(obs, decision, (command,))
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(300)
+def test_time_from_decision_to_reply_with_recorder_display_and_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = load_config("can", "emulated", None, None, LONG_HOLD).for_lift()
+    made: list[Commanding] = []
+
+    def make_step(*args: Any, **more: Any) -> Commanding:
+        made.append(Commanding(real(*args, **more), config.controller.grip_force_n))
+        return made[-1]
+
+    real = execution.make_step
+    monkeypatch.setattr(execution, "make_step", make_step)
+    page = LiveTrials(config, "bench", 1)
+    try:
+        with Display("emulated", quiet=False) as display:
+            context = TrialContext(tmp_path, on_tick=display.tick, watch=page.watch)
+            [finished] = lift.run_series(config, (0,), context)
+    finally:
+        page.feed.close()
+    assert finished.result is not None
+    timing, [step] = finished.result.timing, made
+    print(f"\n{step.commands} decisions in the hold, {timing.missed_periods} missed periods")
+    assert step.commands >= 600
+    spreads = {
+        "frame to decision": timing.frame_to_decision_us,
+        "decision to acknowledged write": timing.decision_to_ack_us,
+    }
+    for text, spread in spreads.items():
+        assert spread is not None
+        print(f"{text}: p50 {spread.p50:.0f}, p90 {spread.p90:.0f}, p99 {spread.p99:.0f}, "
+              f"max {spread.max:.0f} us")  # fmt: skip

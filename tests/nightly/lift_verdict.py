@@ -5,9 +5,9 @@ import re
 import msgspec
 
 from grasp.monitors.checks import STOOD_STILL
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.calibration import calibration
 from scenarios.trial.result import FinishedRun
 from tests.nightly.cell_observer import LOOK_S, MOMENT_S, Aftermath
 from tests.nightly.last_line import (

@@ -154,6 +154,7 @@ LATE = (
     "grasp/cli/",
     "scenarios/rigs/doctor.py",
     "scenarios/testing/plugin.py",
+    "detector/network.py",  # compiled networks: where they cannot be compiled, ONNX Runtime is used
     # what a device is driven with imports the compiled world only where there is one
     "scenarios/acquire/session.py",
     "scenarios/rigs/opening.py",

@@ -8,7 +8,6 @@ counts are motor counts, 0 open to 255 closed. Time is an argument.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum
 from typing import Final, Literal
 
 import numpy as np
@@ -32,6 +31,8 @@ from drivers.robotiq.model.motor import (
     FINGERS,
     FREE,
     OPEN_LIMIT_COUNTS,
+    TRAVEL,
+    VELOCITY,
     Axes,
     FingerLoads,
     FingerMotion,
@@ -50,17 +51,12 @@ FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status
 
 Corruption = Callable[[Words], Words]
 
-
-class Stage(Enum):
-    """Operating stage of the hand as a whole."""
-
-    BOOTING, RESET, ACTIVATING, MODE_CHANGE, READY, RELEASED, FAULTED = range(7)
-
-
-_INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
+# Operating stage of the hand as a whole, with its gIMC and gFLT.
+BOOTING, RESET, ACTIVATING, MODE_CHANGE, READY, RELEASED, FAULTED = range(7)
+_INITIALIZATION: Final = {ACTIVATING: 1, MODE_CHANGE: 2, READY: 3}
 _MAJOR_FAULT_GIMC: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
-_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASED: 0x0F}
-_DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
+_STAGE_FAULT: Final = {BOOTING: 0x09, RELEASED: 0x0F}
+_DELAYED: Final = {RESET: 0x07, ACTIVATING: 0x05, MODE_CHANGE: 0x06}
 
 
 class GripperModel:
@@ -86,41 +82,38 @@ class GripperModel:
         self._go_to = False
         self._injected = 0
         self._jammed = False
-        self._corrupt: Corruption = _unchanged
+        self._corrupt: Corruption | None = None
         self.ignores_writes = False  # injected fault: writes have no effect
-        self._stage = Stage.READY if active else Stage.RESET
+        self._stage = READY if active else RESET
         self._stage_end_ns = _NEVER
         self._sampled = encode(self._status_now(now_ns))
-        self._busy = False
+        # whether a motor may move, or the status change, without a further write
+        self.moving = False
         self._next_tick_ns = 0
         self._wake()
 
     @property
-    def moving(self) -> bool:
-        """Whether a motor may move, or the status change, without a further write."""
-        return self._busy
-
-    @property
     def ready(self) -> bool:
         """Whether activation is complete and no fault prevents motion (gIMC = 3)."""
-        return self._stage is Stage.READY
+        return self._stage == READY
 
     @property
     def travel_m(self) -> NDArray[np.float64]:
         """Fingertip travel from the mechanical opening stop, (3,) m."""
-        return self._fingers.travel_m
+        return np.array(self._fingers.real[TRAVEL])
 
     @property
     def velocity_mps(self) -> NDArray[np.float64]:
         """Fingertip velocity, closing positive, (3,) m/s."""
-        return self._fingers.velocity_mps
+        return np.array(self._fingers.real[VELOCITY])
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         """Set command registers; those not written keep their values.
 
         Raises ValueError for registers that do not exist or values beyond 16 bits.
         """
-        self.advance(now_ns)
+        if now_ns > self._now_ns:
+            self.advance(now_ns)
         if self.ignores_writes:
             return
         self._written = written(self._written, first_register, registers)
@@ -129,20 +122,21 @@ class GripperModel:
 
     def read(self, now_ns: int) -> Words:
         """The eight status registers as sampled at the last refresh tick."""
-        self.advance(now_ns)
-        return self._corrupt(self._sampled)
+        if now_ns > self._now_ns:
+            self.advance(now_ns)
+        return self._sampled if self._corrupt is None else self._corrupt(self._sampled)
 
     def inject_fault(self, code: int) -> None:
         """Report a fault from the next tick on; 0 clears it. 0x0D, 0x0E and 0x0F stop the hand. As
         on the real hand, only clearing rACT ends them."""
         code &= 0x0F
-        if self._stage is Stage.FAULTED and code not in _MAJOR_FAULT_GIMC:
+        if self._stage == FAULTED and code not in _MAJOR_FAULT_GIMC:
             return
         self._injected = code
         if code == 0x0F:
-            self._halt(Stage.RELEASED)
+            self._halt(RELEASED)
         elif code in _MAJOR_FAULT_GIMC:
-            self._halt(Stage.FAULTED)
+            self._halt(FAULTED)
         self._wake()
 
     def misreport(self, corruption: Corruption) -> None:
@@ -157,13 +151,13 @@ class GripperModel:
     def power_cycle(self, boot_s: float = 0.0) -> None:
         """Fault injection: power off and on again, booted after ``boot_s``. The fingers keep their
         positions; the hand is not activated."""
-        self._halt(Stage.RESET)
+        self._halt(RESET)
         self._written = self._taken_up = (0,) * WORDS
         self._command = decode(self._written)
         self._go_to = False
         self._fingers.forget_detections()
         if boot_s:
-            self._enter(Stage.BOOTING, self._now_ns, boot_s)
+            self._enter(BOOTING, self._now_ns, boot_s)
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
@@ -171,19 +165,7 @@ class GripperModel:
         Without ``loads``, those given last stay in effect, as springs fixed in space."""
         if loads is not None:
             self._fingers.load(loads)
-        if self._busy:
-            self._run_to(now_ns)
-        if now_ns > self._now_ns:
-            self._now_ns = now_ns
-
-    def _wake(self) -> None:
-        self._busy = True
-        if self._next_tick_ns <= self._now_ns:
-            ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
-            self._next_tick_ns = self._phase_ns + ticks * self._period_ns
-
-    def _run_to(self, now_ns: int) -> None:
-        while self._busy:
+        while self.moving:
             start_ns = self._pending[0].at_ns if self._pending else _NEVER
             event_ns = min(self._next_tick_ns, start_ns, self._stage_end_ns)
             self._fingers.integrate(min(event_ns, now_ns))
@@ -196,26 +178,35 @@ class GripperModel:
                 if not self._jammed:
                     self._fingers.execute(motion)
             else:
-                self._tick(event_ns)
+                self._tick(event_ns, now_ns)
+        if now_ns > self._now_ns:
+            self._now_ns = now_ns
 
-    def _tick(self, now_ns: int) -> None:
+    def _wake(self) -> None:
+        self.moving = True
+        if self._next_tick_ns <= self._now_ns:
+            ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
+            self._next_tick_ns = self._phase_ns + ticks * self._period_ns
+
+    def _tick(self, now_ns: int, until_ns: int) -> None:
         self._next_tick_ns += self._period_ns
-        if self._written != self._taken_up and self._stage is not Stage.BOOTING:
+        if self._written != self._taken_up and self._stage != BOOTING:
             self._taken_up = self._written
             self._take_up(decode(self._written), now_ns)
-        self._sampled = encode(self._status_now(now_ns))
-        self._busy = (
+        self.moving = (
             self._fingers.moving
             or bool(self._pending)
             or self._stage_end_ns != _NEVER
-            or not self._scissor.at_rest(now_ns)
+            or self._scissor.counts(now_ns) != self._scissor.target
         )
+        if self._next_tick_ns > until_ns or not self.moving:  # else nobody reads this status
+            self._sampled = encode(self._status_now(now_ns))
 
-    def _enter(self, stage: Stage, now_ns: int, duration_s: float) -> None:
+    def _enter(self, stage: int, now_ns: int, duration_s: float) -> None:
         self._stage = stage
         self._stage_end_ns = now_ns + round(duration_s * 1e9)
 
-    def _halt(self, stage: Stage) -> None:
+    def _halt(self, stage: int) -> None:
         self._stage, self._stage_end_ns = stage, _NEVER
         self._pending.clear()
         self._fingers.stop()
@@ -223,18 +214,18 @@ class GripperModel:
     def _take_up(self, command: Command, now_ns: int) -> None:
         self._command = command
         if not command.activate:
-            self._halt(Stage.RESET)
+            self._halt(RESET)
             self._injected, self._go_to = 0, False
             self._fingers.forget_detections()
-        elif self._stage is Stage.RESET:
+        elif self._stage == RESET:
             self._activate(now_ns)
-        elif self._stage is Stage.READY:
+        elif self._stage == READY:
             self._execute(now_ns)  # in a fault only clearing rACT has an effect
 
     def _activate(self, now_ns: int) -> None:
         """Open and close to the mechanical stops, then open (manual p. 89)."""
         duration_s = self.settings.activation_s
-        self._enter(Stage.ACTIVATING, now_ns, duration_s)
+        self._enter(ACTIVATING, now_ns, duration_s)
         for third, counts in enumerate((0, FULL, 0)):
             at_ns = now_ns + round(third * duration_s / 3 * 1e9)
             axes = (Request(counts, FULL, 0),) * 3  # at the least force
@@ -247,11 +238,11 @@ class GripperModel:
         self._mode = self._command.mode
         self._go_to = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
-        self._enter(Stage.MODE_CHANGE, now_ns, _MODE_CHANGE_S)
+        self._enter(MODE_CHANGE, now_ns, _MODE_CHANGE_S)
 
     def _end_stage(self, now_ns: int) -> None:
-        self._halt(Stage.RESET if self._stage is Stage.BOOTING else Stage.READY)
-        if self._stage is Stage.READY:
+        self._halt(RESET if self._stage == BOOTING else READY)
+        if self._stage == READY:
             self._fingers.forget_detections()
             self._execute(now_ns)  # a request during activation was delayed, not lost
 
@@ -289,8 +280,8 @@ class GripperModel:
         if self._individual_control:
             return command.fingers
         if command.mode == _SCISSOR_MODE:  # finger A's position drives the scissor only
-            a, b, c = (Request(self._fingers.counts(i)) for i in range(FINGERS))
-            return a, b, c
+            a, b, c = self._fingers.counts()
+            return Request(a), Request(b), Request(c)
         return (command.fingers[0],) * 3
 
     @property
@@ -303,41 +294,41 @@ class GripperModel:
 
     def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
-        go_to = stage is Stage.READY and command.go_to
-        a, b, c = (request.position for request in command.fingers)
-        if not self._individual_control:
-            b = c = 0  # in simple mode only finger A echoes (manual p. 68)
-        fingers = [self._fingers.status(i, echo) for i, echo in enumerate((a, b, c))]
+        go_to = stage == READY and command.go_to
+        a, b, c = command.fingers
+        echoes = a.position, 0, 0  # in simple mode only finger A echoes (manual p. 68)
+        if self._individual_control:
+            echoes = a.position, b.position, c.position
+        fingers = self._fingers.status(echoes)
+        spread = self._scissor.counts(now_ns)
+        rests = go_to and spread == self._scissor.target
         echo = command.scissor.position if command.individual_scissor else 0
-        rests = go_to and self._scissor.at_rest(now_ns)
-        scissor = AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+        scissor = AxisStatus(echo, spread, 0, AT_TARGET if rests else 0)
         fault = self._injected or _STAGE_FAULT.get(stage, 0)
         if not fault and command.go_to:
             fault = _DELAYED.get(stage, 0)
         initialization = _INITIALIZATION.get(stage, 0)
-        if stage is Stage.FAULTED:
+        if stage == FAULTED:
             initialization = _MAJOR_FAULT_GIMC[self._injected]
         return HandStatus(
-            active=stage not in (Stage.BOOTING, Stage.RESET),
+            active=stage not in (BOOTING, RESET),
             mode=command.mode,
             go_to=go_to,
             initialization=initialization,
-            stopped=_stopped([finger.detection for finger in fingers]) if go_to else 0,
+            stopped=_stopped(fingers) if go_to else 0,
             fault=fault,
             axes=(*fingers, scissor),
         )
 
 
-def _stopped(detections: Sequence[int]) -> int:
+def _stopped(fingers: Sequence[AxisStatus]) -> int:
     """gSTA: 0 some finger moves, 1 some stopped short, 2 all stopped short, 3 all at target."""
-    if 0 in detections:
-        return 0
-    short = sum(detection != AT_TARGET for detection in detections)
+    short = 0
+    for finger in fingers:
+        if finger.detection == 0:
+            return 0
+        short += finger.detection != AT_TARGET
     return (3, 1, 1, 2)[short]
-
-
-def _unchanged(words: Words) -> Words:
-    return words
 
 
 class ModelTransport:

@@ -152,8 +152,9 @@ def written(words: Words, first: int, values: Sequence[int]) -> Words:
     last = first + len(values)
     if not values or first < 0 or last > WORDS:
         raise ValueError(f"command registers {first} to {last - 1} do not exist")
-    if not all(value in range(1 << 16) for value in values):
-        raise ValueError(f"not registers of 16 bits: {list(values)}")
+    for value in values:
+        if value not in range(1 << 16):
+            raise ValueError(f"not registers of 16 bits: {list(values)}")
     return (*words[:first], *values, *words[last:])
 
 

@@ -35,13 +35,14 @@ INTEGERS: Final = 4
 # Entries of the parameters.
 MASS, OVERRIDE_N, OVERRIDE_STEPS, DEBOUNCE_STEPS, CLAMPED = range(5)
 
-CLOSING, AT_TARGET = 2, 3  # gDT
+OPENING, CLOSING, AT_TARGET = 1, 2, 3  # gDT: contact while opening or closing; at the target
 OPEN_LIMIT_COUNTS: Final = 6  # software limits; manual p. 74, 6 to 7; Franchi TR711
 CLOSED_LIMIT_COUNTS: Final = 240
 LAG_S: Final = 0.03  # of a motor's speed; assumed 20 to 50 ms
 SCISSOR_COUNTS_PS: Final = 100.0  # assumed
 _GAIN_NSPM: Final = 5000.0  # stiffness of the speed servo; assumed
 _STALL_SPEED_MPS: Final = 0.001  # below it a motor stalls; assumed
+_FULL_SPEED_MPS: Final = speed_mps(FULL)
 _RUNNING_MA: Final = (110.0, 160.0)  # moving freely at 0 and at full speed; manual p. 68-73
 _MA_PER_N: Final = 20.0  # rise with drive force; assumed
 _STEP_S: Final = SUBSTEP_NS * 1e-9
@@ -60,55 +61,54 @@ def _parameters(s: HandSettings) -> Reals:
 
 
 @numba.njit(cache=True)
-def _stop(real: Reals, whole: Integers, i: int, detection: int) -> None:
-    real[VELOCITY, i] = 0.0
-    real[LAGGED, i] = 0.0
-    real[DRIVE, i] = 0.0
-    whole[DIRECTION, i] = 0
-    whole[DETECTION, i] = detection
-    whole[STALLED, i] = 0
-
-
-@numba.njit(cache=True)
-def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
-    """Reference speed: lagged command, braked before the target, fast enough to reach the clamp."""
-    speed = real[SPEED, i]
-    real[LAGGED, i] += (speed - real[LAGGED, i]) * min(1.0, _STEP_S / LAG_S)
-    braking = sqrt(2.0 * (speed / LAG_S) * distance)
-    creep = 1.05 * clamp / _GAIN_NSPM
-    return float(min(real[LAGGED, i], max(braking, creep)))
-
-
-@numba.njit(cache=True)
-def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> None:
-    """Substep of one moving finger; ``u`` and ``distance`` count along its direction."""
-    direction = whole[DIRECTION, i]
-    u = direction * real[VELOCITY, i]
-    distance = max(0.0, direction * (real[TARGET, i] - real[TRAVEL, i]))
-    clamp = real[CLAMP, i]
-    if whole[AGE, i] < p[OVERRIDE_STEPS]:
-        clamp = max(clamp, p[OVERRIDE_N])
-    reference = _reference(real, i, distance, clamp)
-    # The servo is stiffer than the step: implicit in its own term.
-    rate = _STEP_S / p[MASS]
-    after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
-    drive = _GAIN_NSPM * (reference - after)
-    if p[CLAMPED] > 0.0 and abs(drive) > clamp:
-        drive = clamp if drive > 0.0 else -clamp
-        after = u + rate * (drive - opposing)
-    if u >= 0.0 and after < 0.0:
-        after = 0.0  # self-locking: a load stops the screw but does not turn it back
-    real[VELOCITY, i] = direction * after
-    real[TRAVEL, i] += real[VELOCITY, i] * _STEP_S
+def _advance_motor(
+    real: Reals, whole: Integers, p: Reals, steps: int, i: int,
+    origin: float, force: float, stiffness: float,
+) -> None:  # fmt: skip
+    """Advance one moving finger by ``steps`` substeps, or until it stops; ``u`` and ``distance``
+    count along its direction. Local variables hold the state: arrays in the loop are slower."""
+    closing = whole[DIRECTION, i] > 0
+    direction = 1.0 if closing else -1.0
+    travel, velocity, lagged = real[TRAVEL, i], real[VELOCITY, i], real[LAGGED, i]
+    target, speed, drive = real[TARGET, i], real[SPEED, i], real[DRIVE, i]
+    stalled, age, detection = whole[STALLED, i], whole[AGE, i], -1
+    for _ in range(steps):
+        opposing = max(0.0, force + stiffness * (travel - origin)) if closing else 0.0
+        u = direction * velocity
+        distance = max(0.0, direction * (target - travel))
+        clamp = real[CLAMP, i]
+        if age < p[OVERRIDE_STEPS]:
+            clamp = max(clamp, p[OVERRIDE_N])
+        # Reference speed: lagged command, braked before the target, fast enough for the clamp.
+        lagged += (speed - lagged) * min(1.0, _STEP_S / LAG_S)
+        braking = sqrt(2.0 * (speed / LAG_S) * distance)
+        reference = min(lagged, max(braking, 1.05 * clamp / _GAIN_NSPM))
+        # The servo is stiffer than the step: implicit in its own term.
+        rate = _STEP_S / p[MASS]
+        after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
+        drive = _GAIN_NSPM * (reference - after)
+        if p[CLAMPED] > 0.0 and abs(drive) > clamp:
+            drive = clamp if drive > 0.0 else -clamp
+            after = u + rate * (drive - opposing)
+        if u >= 0.0 and after < 0.0:
+            after = 0.0  # self-locking: a load stops the screw but does not turn it back
+        velocity = direction * after
+        travel += velocity * _STEP_S
+        age += 1
+        slow = after < _STALL_SPEED_MPS or p[CLAMPED] == 0.0
+        stalled = stalled + 1 if drive >= _PUSHING * clamp and slow else 0
+        if direction * (target - travel) <= 0.0:
+            travel, detection = target, AT_TARGET
+            break
+        if stalled >= p[DEBOUNCE_STEPS]:
+            detection = CLOSING if closing else OPENING
+            break
+    if detection >= 0:
+        velocity, lagged, drive, stalled = 0.0, 0.0, 0.0, 0
+        whole[DIRECTION, i], whole[DETECTION, i] = 0, detection
+    real[TRAVEL, i], real[VELOCITY, i], real[LAGGED, i] = travel, velocity, lagged
     real[DRIVE, i] = drive
-    whole[AGE, i] += 1
-    stalled = after < _STALL_SPEED_MPS or p[CLAMPED] == 0.0
-    whole[STALLED, i] = whole[STALLED, i] + 1 if drive >= _PUSHING * clamp and stalled else 0
-    if direction * (real[TARGET, i] - real[TRAVEL, i]) <= 0.0:
-        real[TRAVEL, i] = real[TARGET, i]
-        _stop(real, whole, i, AT_TARGET)
-    elif whole[STALLED, i] >= p[DEBOUNCE_STEPS]:
-        _stop(real, whole, i, CLOSING if direction > 0 else 1)
+    whole[STALLED, i], whole[AGE, i] = stalled, age
 
 
 @numba.njit(cache=True)
@@ -122,13 +122,8 @@ def advance_motors(
     """
     moving = False
     for i in range(FINGERS):
-        for _ in range(steps):
-            if whole[DIRECTION, i] == 0:
-                break
-            opposing = 0.0
-            if whole[DIRECTION, i] > 0:
-                opposing = max(0.0, force[i] + stiffness[i] * (real[TRAVEL, i] - origin[i]))
-            _step(real, whole, p, i, opposing)
+        if whole[DIRECTION, i] != 0:
+            _advance_motor(real, whole, p, steps, i, origin[i], force[i], stiffness[i])
         moving = moving or whole[DIRECTION, i] != 0
     return moving
 
@@ -166,46 +161,37 @@ class Fingers:
 
     def __init__(self, settings: HandSettings, now_ns: int) -> None:
         self._settings = settings
-        self._real = np.zeros((REALS, FINGERS))
+        self.real = np.zeros((REALS, FINGERS))
         self._whole = np.zeros((INTEGERS, FINGERS), dtype=np.int64)
-        self._real[TRAVEL] = OPEN_LIMIT_COUNTS * settings.m_per_count
+        self.real[TRAVEL] = OPEN_LIMIT_COUNTS * settings.m_per_count
         self._parameters = _parameters(settings)
         self._substep = now_ns // SUBSTEP_NS
         self._forces = [0] * FINGERS  # force byte that each motor last ran with
         self._loads = FREE
-        self._origin = self._real[TRAVEL].copy()
-        self.moving = False
-        self._run(0)  # compiles now, so that no later call waits for it
-
-    @property
-    def travel_m(self) -> NDArray[np.float64]:
-        return np.array(self._real[TRAVEL])
-
-    @property
-    def velocity_mps(self) -> NDArray[np.float64]:
-        return np.array(self._real[VELOCITY])
+        self._origin = self.real[TRAVEL].copy()
+        self.moving = True
+        self.integrate(now_ns)  # compiles now, so that no later call waits for it
 
     def load(self, loads: FingerLoads) -> None:
         self._loads = loads
-        self._origin[:] = self._real[TRAVEL]
+        self._origin[:] = self.real[TRAVEL]
 
     def integrate(self, until_ns: int) -> None:
         """Run the motors over the substeps that begin before ``until_ns``."""
         step = until_ns // SUBSTEP_NS
-        if self.moving and step > self._substep:
-            self._run(step - self._substep)
+        if self.moving:
+            self.moving = advance_motors(
+                self.real, self._whole, self._parameters, step - self._substep,
+                self._origin, self._loads.force_n, self._loads.stiffness_npm,
+            )  # fmt: skip
         self._substep = step
-
-    def _run(self, substeps: int) -> None:
-        load = self._origin, self._loads.force_n, self._loads.stiffness_npm
-        self.moving = advance_motors(self._real, self._whole, self._parameters, substeps, *load)
 
     def stop(self) -> None:
         """Stop all motors at once; detections stay."""
         self.moving = False
         self._whole[DIRECTION] = 0
-        self._real[VELOCITY : LAGGED + 1] = 0.0
-        self._real[DRIVE] = 0.0
+        self.real[VELOCITY : LAGGED + 1] = 0.0
+        self.real[DRIVE] = 0.0
 
     def forget_detections(self) -> None:
         self._whole[DETECTION] = 0
@@ -222,7 +208,7 @@ class Fingers:
         detection = self._whole[DETECTION, i]
         if retrigger or axis.force > self._forces[i]:
             return True
-        return detection != CLOSING or axis.position < self.counts(i)
+        return detection != CLOSING or axis.position < self.counts()[i]
 
     def execute(self, motion: FingerMotion) -> None:
         """Start the motors on a request, unless contact since its take-up has latched them."""
@@ -231,11 +217,11 @@ class Fingers:
             return
         settings, whole = self._settings, self._whole
         for i, axis in enumerate(motion.axes):
-            self._real[SPEED, i] = speed_mps(axis.speed)
+            self.real[SPEED, i] = speed_mps(axis.speed)
             starts = motion.starts[i] and self.may_start(i, axis, motion.retrigger)
             if starts or whole[DIRECTION, i]:
                 self._forces[i] = axis.force
-                self._real[CLAMP, i] = settings.force_n(axis.force)
+                self.real[CLAMP, i] = settings.force_n(axis.force)
             if starts:
                 self._start(i, axis.position, motion.to_stops)
         self.moving = bool(whole[DIRECTION].any())
@@ -244,9 +230,9 @@ class Fingers:
         """Start motor ``i``; software limits clip the request without notice (manual p. 74)."""
         low, high = (0, FULL) if to_stops else (OPEN_LIMIT_COUNTS, CLOSED_LIMIT_COUNTS)
         target = min(max(counts, low), high)
-        real, whole = self._real, self._whole
+        real, whole = self.real, self._whole
         was = whole[DIRECTION, i]
-        if not was and target == self.counts(i):
+        if not was and target == self.counts()[i]:
             whole[DETECTION, i] = AT_TARGET
             return
         real[TARGET, i] = target * HandSettings.m_per_count
@@ -257,40 +243,43 @@ class Fingers:
             whole[AGE, i] = 0
             real[LAGGED, i] = 0.0
 
-    def counts(self, i: int) -> int:
-        """Position of finger ``i`` as its encoder reports it, rounded."""
-        counts = float(self._real[TRAVEL, i]) / HandSettings.m_per_count
-        return min(max(floor(counts + 0.5), 0), FULL)
+    def counts(self) -> list[int]:
+        """Position of each finger as its encoder reports it."""
+        return [_counts(travel_m) for travel_m in self.real[TRAVEL].tolist()]
 
-    def status(self, i: int, echo: int) -> AxisStatus:
-        detection = int(self._whole[DETECTION, i])
-        return AxisStatus(echo, self.counts(i), self._current(i), detection)
-
-    def _current(self, i: int) -> int:
-        if not self._whole[DIRECTION, i]:
-            return 0
+    def status(self, echoes: tuple[int, int, int]) -> list[AxisStatus]:
+        """Status of each finger (gPR, gPO, gCU, gDT)."""
+        real, whole = self.real.tolist(), self._whole.tolist()
         slow, fast = _RUNNING_MA
-        speed, drive = abs(float(self._real[VELOCITY, i])), abs(float(self._real[DRIVE, i]))
-        current = slow + (fast - slow) * speed / speed_mps(FULL) + _MA_PER_N * drive
-        return min(round(current / MA_PER_COUNT), 255)
+        status = []
+        for i, echo in enumerate(echoes):
+            current = 0
+            if whole[DIRECTION][i]:
+                speed, drive = abs(real[VELOCITY][i]), abs(real[DRIVE][i])
+                running = slow + (fast - slow) * speed / _FULL_SPEED_MPS + _MA_PER_N * drive
+                current = min(round(running / MA_PER_COUNT), 255)
+            counts, detection = _counts(real[TRAVEL][i]), whole[DETECTION][i]
+            status.append(AxisStatus(echo, counts, current, detection))
+        return status
+
+
+def _counts(travel_m: float) -> int:
+    return min(max(floor(travel_m / HandSettings.m_per_count + 0.5), 0), FULL)
 
 
 class Scissor:
-    """Fourth motor, which spreads fingers B and C: constant speed, no contact."""
+    """Fourth motor, which spreads fingers B and C to the target: constant speed, no contact."""
 
     def __init__(self, counts: int) -> None:
-        self._from = self._to = counts
+        self._from = self.target = counts
         self._since_ns = 0
 
     def go(self, counts: int, now_ns: int) -> None:
-        if counts != self._to:
-            self._from, self._to, self._since_ns = self.counts(now_ns), counts, now_ns
+        if counts != self.target:
+            self._from, self.target, self._since_ns = self.counts(now_ns), counts, now_ns
 
     def counts(self, now_ns: int) -> int:
         travelled = int(SCISSOR_COUNTS_PS * (now_ns - self._since_ns) * 1e-9)
-        if travelled >= abs(self._to - self._from):
-            return self._to
-        return self._from + (travelled if self._to > self._from else -travelled)
-
-    def at_rest(self, now_ns: int) -> bool:
-        return self.counts(now_ns) == self._to
+        if travelled >= abs(self.target - self._from):
+            return self.target
+        return self._from + (travelled if self.target > self._from else -travelled)

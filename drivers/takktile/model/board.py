@@ -5,19 +5,22 @@ reads all cells, waits until the host has read the frame, and only then starts t
 A frame was therefore converted right after the previous read.
 
 Bytes are encoded here, separately from the driver's ``protocol``, so that tests reveal a mistake in
-either.
+either. A link in this process may take a frame's codes instead, while no fault is pending.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.takktile.settings import BoardModelSettings
+
 Cell = tuple[int, int]  # (row, column)
 Codes = NDArray[np.int16]
-Latched = Callable[[], tuple[Codes, Codes]]
+CodePair = tuple[Codes, Codes]  # pressure, temperature
+Latched = Callable[[], CodePair]
 Sample = Callable[[int], Latched]
 Corruption = Callable[[Codes], Codes]
 
@@ -40,12 +43,11 @@ def scan_reply(alive: Sequence[Cell]) -> bytes:
 
 
 def bulk_frame(pressure: Codes, temperature: Codes) -> bytes:
-    """Four bytes per cell, pressure before temperature; (n,) codes are clipped to ten bits."""
-    codes = np.empty((len(pressure), 2), np.int16)
-    codes[:, 0], codes[:, 1] = pressure, temperature
-    words = np.minimum(np.maximum(codes, 0), CONVERTER_MAX).view(np.uint16)
+    """Four bytes per cell, pressure before temperature; (n,) codes in 0..1023."""
+    words = np.empty((len(pressure), 2), ">u2")
+    words[:, 0], words[:, 1] = pressure, temperature
     words *= _WORD_STEP
-    return words.astype(">u2").tobytes()
+    return words.tobytes()
 
 
 class Stall(Exception):
@@ -58,17 +60,6 @@ class Unplugged(Exception):
 
 class Hung(Exception):
     """The firmware waits on its I2C bus: transfers time out until the board is replugged."""
-
-
-class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Properties that differ between boards."""
-
-    cells: Annotated[
-        tuple[Cell, ...],
-        msgspec.Meta(
-            min_length=1, description="(row, column) of the board's cells, in row-major order"
-        ),
-    ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit
 
 
 class _PendingFaults(msgspec.Struct):
@@ -84,16 +75,16 @@ class BoardModel:
     """Model of one board.
 
     ``sample(t_ns)`` is called when a conversion starts, and returns a function. That function
-    returns the pressure and temperature codes of the cells at that time, two (n,) int16 arrays in
-    the order of ``settings.cells``. It is called at most once, before the next conversion starts,
-    and never for a frame that is not read.
+    returns the pressure and temperature codes of the cells at that time, two new (n,) int16 arrays
+    in 0..1023 in the order of ``settings.cells``. It is called at most once, before the next
+    conversion starts, and never for a frame that is not read.
     """
 
     def __init__(self, settings: BoardModelSettings, sample: Sample) -> None:
         self._settings = settings
         self._sample = sample
         self._dead: set[Cell] = set()
-        self._corrupt: Corruption = _unchanged
+        self._corrupt: Corruption | None = None
         self._faults = _PendingFaults()
         self._ready_ns = 0
         self._pending = b""  # part of a frame that the host has not read yet
@@ -120,17 +111,26 @@ class BoardModel:
         return self._ready_ns
 
     @property
-    def free_period_ns(self) -> int:
-        """Period of frames that are read at once; endless while a fault is planned."""
-        if not self._started or not self._plugged or self._hung or self._pending:
-            return _NEVER_NS
-        if self._faults != _PendingFaults():
-            return _NEVER_NS
-        return _NEVER_NS if self._dead else self._period_ns
+    def free_period_ns(self) -> int | None:
+        """Period of frames that are read at once; None while stopped or with a fault pending."""
+        f = self._faults
+        if f.timeouts or f.lost_bytes or f.split or f.stall or self._hung or self._dead:
+            return None
+        free = self._started and self._plugged and not self._pending
+        return self._period_ns if free else None
 
-    def drain(self, now_ns: int) -> None:
-        """Read a ready frame and discard it."""
-        self._start_conversion(now_ns)
+    def codes(self) -> CodePair:
+        """Codes of the latest conversion."""
+        pressure, temperature = self._latched()
+        if self._corrupt is not None:
+            corrupted = np.clip(self._corrupt(pressure), 0, CONVERTER_MAX)
+            pressure = corrupted.astype(np.int16)
+        return pressure, temperature
+
+    def start_conversion(self, now_ns: int) -> None:
+        """Start the next conversion, as reading a complete frame does."""
+        self._latched = self._sample(now_ns)
+        self._ready_ns = now_ns + self._period_ns
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
         """Reply to a vendor request, cut to ``length``; ``Stall`` when the request is unknown."""
@@ -162,7 +162,7 @@ class BoardModel:
             self._faults.split = False
         out, self._pending = self._pending[:size], self._pending[size:]
         if not self._pending:
-            self._start_conversion(now_ns)
+            self.start_conversion(now_ns)
         return out
 
     # Fault injection; faults of one frame affect the next frame read.
@@ -172,7 +172,8 @@ class BoardModel:
         self._dead |= {cell for cell in self._settings.cells if cell[1] == column}
 
     def misreport(self, corruption: Corruption) -> None:
-        """Fault injection: apply ``corruption`` to pressure codes from the next conversion on."""
+        """Apply ``corruption`` to pressure codes from the next conversion on, clipped to ten
+        bits."""
         self._corrupt = corruption
 
     def time_out(self, reads: int) -> None:
@@ -211,8 +212,6 @@ class BoardModel:
         self._period_ns = _NEVER_NS  # until it is started
         self._ready_ns = 0
         self._pending = b""
-        blank = np.zeros(len(self._settings.cells), np.int16)
-        self._latched_codes: tuple[Codes, Codes] | None = (blank, blank)
 
     def _require_present(self) -> None:
         if not self._plugged:
@@ -229,22 +228,11 @@ class BoardModel:
         self._started = index != 0
         if self._started:
             self._period_ns = ticks_ns(ticks) + CELL_READ_NS * len(self._settings.cells)
-            self._start_conversion(now_ns)
+            self.start_conversion(now_ns)
         return bytes([self._started])
 
-    def _start_conversion(self, now_ns: int) -> None:
-        self._latched, self._latched_codes = self._sample(now_ns), None
-        self._ready_ns = now_ns + self._period_ns
-
-    def _codes(self) -> tuple[Codes, Codes]:
-        """Codes of the latest conversion."""
-        if self._latched_codes is None:
-            pressure, temperature = self._latched()
-            self._latched_codes = self._corrupt(pressure), temperature
-        return self._latched_codes
-
     def _frame(self) -> bytes:
-        pressure, temperature = self._codes()
+        pressure, temperature = self.codes()
         if self._dead:
             live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
             pressure, temperature = pressure[live], temperature[live]
@@ -255,7 +243,3 @@ class BoardModel:
         if self._faults.lost_bytes:
             frame, self._faults.lost_bytes = frame[: -self._faults.lost_bytes], 0
         return frame
-
-
-def _unchanged(codes: Codes) -> Codes:
-    return codes

@@ -1,12 +1,16 @@
-"""Link of a driver to a board model in this process, in virtual time."""
+"""Link of a driver to a board model in this process, in virtual time.
+
+Frames pass as codes, which saves time, as long as nothing can distinguish codes from bytes: no
+wrapper intercepts the transfers, and no fault is pending.
+"""
 
 from collections.abc import Callable
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
+from drivers.takktile.board import READ_TIMEOUT_MS, Board, Transfer, hung, stalled, unplugged
 from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Readings, Receiver, ReceiverCounts, UsbBoard
+from drivers.takktile.receiver import Receiver, UsbBoard
 from drivers.takktile.settings import TakkTileSettings
 
 _NEVER = 1 << 62
@@ -63,72 +67,71 @@ class ModelLink:
         model: BoardModel,
         settings: TakkTileSettings,
         advance_world: Callable[[int], None] = lambda now_ns: None,
-        wrap: Callable[[UsbBoard], UsbBoard] = lambda usb: usb,
+        wrap: Callable[[UsbBoard], UsbBoard] | None = None,
     ) -> None:
-        """``wrap`` may wrap the board, to intercept transfers."""
+        """``wrap`` wraps the board, to intercept transfers."""
         self._model = model
-        self._receiver = Receiver(
-            lambda serial: wrap(ModelUsb(model)), settings.conversion_ms, lambda: self._now_ns
-        )
+        self._wrapped = wrap is not None
+
+        def connect(serial: str | None) -> UsbBoard:
+            usb = ModelUsb(model)
+            return usb if wrap is None else wrap(usb)
+
+        self.receiver = Receiver(connect, settings.conversion_ms, lambda: self._now_ns)
         self._advance_world = advance_world
         self._now_ns = 0
-        self._read_start_ns = _NEVER  # start of the pending read
-        self._lost = False  # the board is gone: the next attempt to reopen is at that time
-
-    @property
-    def counts(self) -> ReceiverCounts:
-        return self._receiver.counts
-
-    @property
-    def next_sample_ns(self) -> int:
-        return self._receiver.next_sample_ns
-
-    def take(self) -> Readings:
-        return self._receiver.take()
+        self._read_start_ns = _NEVER  # start of the pending read, or of the attempt to reopen
 
     def start(self) -> Layout:
-        layout = self._receiver.open()
-        self._read_start_ns, self._lost = self._now_ns, False
+        layout = self.receiver.open()
+        self._read_start_ns = self._now_ns
         return layout
 
     def stop(self) -> None:
-        self._receiver.close()
+        self.receiver.close()
         self._read_start_ns = _NEVER
 
     def advance(self, now_ns: int) -> None:
         while (done_ns := self._done_ns()) <= now_ns:
-            period_ns = self._model.free_period_ns
-            if done_ns + period_ns <= now_ns and not self._lost:
-                self._skip_frames(done_ns + ((now_ns - done_ns) // period_ns - 1) * period_ns)
-            else:
-                self._receive(done_ns)
-        self._advance_to(now_ns)
+            board, period_ns = self.receiver.board, self._model.free_period_ns
+            if board is not None and period_ns is not None:
+                done_ns = self._skip_frames(board, done_ns, period_ns, now_ns)
+                if not self._wrapped:
+                    self._advance_world(done_ns)
+                    self.receiver.accept(board.reading(self._model.codes(), done_ns))
+                    self._model.start_conversion(done_ns)
+                    self._read_start_ns = done_ns
+                    break  # the next frame comes after now
+            self._receive(done_ns)
+        self._advance_world(now_ns)
+        self._now_ns = now_ns
 
     def _done_ns(self) -> int:
         """Time at which the pending read ends, or at which to try to reopen the board."""
-        if self._lost:
+        if self.receiver.board is None:
             return self._read_start_ns
         ready_ns = self._model.ready_ns
         if ready_ns is None:
             return self._read_start_ns + _TIMEOUT_NS
         return ready_ns if ready_ns > self._read_start_ns else self._read_start_ns
 
-    def _skip_frames(self, done_ns: int) -> None:
-        """Skip frames up to a time, since a newer one comes before the next poll."""
-        self._advance_to(done_ns)
-        self._model.drain(done_ns)
-        self._receiver.skip_frame(done_ns)
-        self._read_start_ns = done_ns
+    def _skip_frames(self, board: Board, done_ns: int, period_ns: int, now_ns: int) -> int:
+        """Skip all frames but the newest up to now, since the driver uses no other; they come every
+        period from ``done_ns`` on. Returns the time of the newest."""
+        newer = (now_ns - done_ns) // period_ns
+        if newer == 0:
+            return done_ns
+        skipped_ns = done_ns + (newer - 1) * period_ns
+        self._advance_world(skipped_ns)
+        self._model.start_conversion(skipped_ns)
+        board.conversion_start_ns = skipped_ns
+        return skipped_ns + period_ns
 
     def _receive(self, done_ns: int) -> None:
-        self._advance_to(done_ns)
-        pause_ns = self._receiver.receive()
-        self._lost = pause_ns > 0
+        self._advance_world(done_ns)
+        self._now_ns = max(self._now_ns, done_ns)
+        pause_ns = self.receiver.receive()
         self._read_start_ns = self._now_ns + pause_ns
-
-    def _advance_to(self, now_ns: int) -> None:
-        self._advance_world(now_ns)
-        self._now_ns = max(self._now_ns, now_ns)
 
 
 def _explain(error: Stall | Unplugged | Hung) -> DeviceFault | LinkLost:

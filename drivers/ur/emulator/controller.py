@@ -16,7 +16,7 @@ from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.urscript import Function, Program, ScriptError
 from drivers.ur.emulator.urscript_functions import BUILTINS
 from drivers.ur.emulator.urscript_parser import is_secondary, parse
-from drivers.ur.model import ArmModelSettings
+from drivers.ur.settings import ArmModelSettings
 
 Scalar = int | float
 Values = tuple[Scalar, ...]

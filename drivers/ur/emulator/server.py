@@ -22,7 +22,8 @@ from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde import PORT as RTDE_PORT
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Sample
 from drivers.ur.emulator.urscript_parser import MAX_CHARS, depth_change
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 
 DASHBOARD_PORT = 29999
 STATE_PORTS = (30001, 30002)  # primary and secondary: accept programs

@@ -5,17 +5,14 @@ It never reconnects and never unlocks a stop by itself; ``UrLink.connect`` conne
 
 import math
 import os
-from typing import Annotated, Self
-
-import msgspec
-from msgspec import Meta
+from typing import Self
 
 from drivers.errors import DeviceFault, LinkLost, Refused, on_failure
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
-from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
+from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, State
 from drivers.ur.link.preflight import (
     PreflightFindings,
     preflight,
@@ -23,55 +20,9 @@ from drivers.ur.link.preflight import (
     require_stationary,
 )
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
+from drivers.ur.settings import UrSettings
 
 _HEARTBEAT_NS = 10_000_000
-
-
-class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Connection to the controller, payload on the flange, and time-outs."""
-
-    host: Annotated[str, Meta(description="address of the arm's controller; empty: not set")] = ""
-    tcp_offset: Annotated[
-        Pose, Meta(description="m and rad, tool centre point from the flange; assumed")
-    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    cog_m: Annotated[
-        tuple[float, float, float],
-        Meta(description="m, centre of gravity of the payload from the flange; assumed"),
-    ] = (0.0, 0.0, 0.06)
-    watchdog_hz: Annotated[
-        float, Meta(ge=1, le=50, description="watchdog kicks per s; with fewer the arm stops")
-    ] = 10.0
-    heartbeat_timeout_s: Annotated[
-        float, Meta(ge=0.05, le=5, description="s without a poll after which a motion is braked")
-    ] = 0.15
-    step_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=10, description="s, longest wait for the reply to a command")
-    ] = 2.0
-
-    @property
-    def start_timeout_s(self) -> float:
-        """Longest wait until the program runs on the controller."""
-        return 7.5 * self.step_timeout_s
-
-    @property
-    def brake_timeout_s(self) -> float:
-        """Longest braking of the worker when the client is gone; 1 m/s at 0.5 m/s2 takes 2 s."""
-        return self.step_timeout_s
-
-    @property
-    def close_timeout_s(self) -> float:
-        """Longest wait for the worker to end before it is killed; exceeds ``brake_timeout_s``."""
-        return 2.0 * self.step_timeout_s
-
-    @property
-    def stop_margin_s(self) -> float:
-        """Time that a stop may take in addition to braking; assumed."""
-        return 0.25 * self.step_timeout_s
-
-    @property
-    def link_timeout_s(self) -> float:
-        """Time without data that ends the link; ur_rtde's own is 2.5 s."""
-        return min(2.0, 0.5 * self.step_timeout_s)
 
 
 class UrLink:

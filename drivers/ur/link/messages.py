@@ -5,8 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from drivers.interfaces import Vector3
-
-Pose = tuple[float, float, float, float, float, float]
+from drivers.ur.settings import Pose
 
 PROGRAM_RUNNING = 2  # runtime_state; RTDE guide
 ROBOT_RUNNING = 7  # robot_mode; RTDE guide

@@ -17,7 +17,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import MIN_SPEED_FRACTION
-from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING, Pose
+from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING
+from drivers.ur.settings import Pose
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
 CHECK_CONNECTION = "check power, cable and address of the robot's controller"

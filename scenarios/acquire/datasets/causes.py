@@ -33,7 +33,7 @@ from scenarios.acquire.datasets.random_objects import relaxed_forces_n
 from scenarios.acquire.labels import TURN_LEVER_M, Floats, distance_moved, recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.session import Script, Session, open_acquire_rig
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.trial.layers import trial_layers

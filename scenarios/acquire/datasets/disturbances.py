@@ -16,15 +16,8 @@ from msgspec import Meta
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.acquire.labels import TURN_LEVER_M
-from scenarios.tap.mallet import (
-    AFTER_S,
-    MOST_N_S,
-    SETTLE_S,
-    SettledGrasp,
-    TapSettings,
-    impact_of,
-    settled_grasp,
-)
+from scenarios.tap.config import TapSettings
+from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, SettledGrasp, impact_of, settled_grasp
 from scenarios.world import laws
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import GRAVITY_MPS2

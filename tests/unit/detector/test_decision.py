@@ -18,13 +18,13 @@ def rule(fingers: int = 3, **settings: float) -> DecisionRule:
 
 
 def feed(r: DecisionRule, *samples: tuple[float, ...]) -> list[list[bool]]:
-    return [r.update(np.array(p)).tolist() for p in samples]
+    return [r.update(list(p)) for p in samples]
 
 
 def registered_after(r: DecisionRule, *values: float) -> list[bool]:
     states = []
     for p in values:
-        r.update(np.array([p]))
+        r.update([p])
         states.append(r.registered)
     return states
 
@@ -49,7 +49,7 @@ def test_every_rule_restarts_the_count_of_quiet_samples_when_interrupted() -> No
             settings = RuleSettings(kind=kind, fusion=fusion, threshold=0.7, release=2)  # type: ignore[arg-type]
             r = DecisionRule(settings, 3)
             assert r.threshold == 0.7, (kind, fusion)
-            high, low = np.full(3, 0.99), np.full(3, 0.01)
+            high, low = [0.99] * 3, [0.01] * 3
             for sample in (high, high, high, low):
                 r.update(sample)
             r.interrupt()
@@ -62,19 +62,19 @@ def test_every_rule_restarts_the_count_of_quiet_samples_when_interrupted() -> No
 def test_reset_clears_registration_and_interruption_clears_evidence() -> None:
     for fusion in ["any", "mean"]:
         r = DecisionRule(RuleSettings(fusion=fusion), 3)  # type: ignore[arg-type]
-        high = np.full(3, 0.99)
+        high = [0.99] * 3
         r.update(high)
         r.interrupt()
-        assert not r.update(high).any(), fusion
-        assert r.update(high).any() and r.registered, fusion
+        assert not any(r.update(high)), fusion
+        assert any(r.update(high)) and r.registered, fusion
         r.reset()
-        assert not r.registered and not r.update(high).any(), fusion
+        assert not r.registered and not any(r.update(high)), fusion
 
 
 def test_evidence_at_the_limit_is_not_above_it() -> None:
     p = np.array([0.9])
     settings = RuleSettings(kind="cusum", limit=float(log_odds(p)[0]))
-    assert not DecisionRule(settings, 1).update(p).any()
+    assert not any(DecisionRule(settings, 1).update(p.tolist()))
     assert len(registered_events(p[None], settings)) == 0
     assert len(registered_events(np.array([p, p]), settings)) == 1
 
@@ -104,7 +104,7 @@ def test_slip_stays_registered_until_enough_quiet_samples_on_all_fingers() -> No
     both = rule(2, release=2)
     states = []
     for p in [(1, 0), (1, 0), (0, 1), (0, 0), (0, 1), (0, 0), (0, 0)]:
-        both.update(np.array(p, float))
+        both.update([float(each) for each in p])
         states.append(both.registered)
     assert states == [False, True, True, True, True, True, False]
 
@@ -120,14 +120,14 @@ CUSUM = {"kind": "cusum", "limit": 4.0, "drift": 0.5}
 def test_cusum_registers_high_probabilities_sooner() -> None:
     for p, expected in ((0.99, 0), (0.95, 1), (0.9, 2), (0.7, 11), (0.6, None)):
         r = DecisionRule(RuleSettings(**CUSUM), 1)  # type: ignore[arg-type]
-        registered = [bool(r.update(np.array([p]))[0]) for _ in range(30)]
+        registered = [r.update([p])[0] for _ in range(30)]
         assert (registered.index(True) if any(registered) else None) == expected
 
 
 def test_mean_of_the_fingers_decides_and_the_most_probable_finger_registers() -> None:
     r = DecisionRule(RuleSettings(fusion="mean", consecutive=1), 3)
-    assert r.update(np.array([0.9, 0.2, 0.2])).tolist() == [False, False, False]
-    assert r.update(np.array([0.7, 0.95, 0.4])).tolist() == [False, True, False]
+    assert r.update([0.9, 0.2, 0.2]) == [False, False, False]
+    assert r.update([0.7, 0.95, 0.4]) == [False, True, False]
     assert r.registered
 
 
@@ -146,7 +146,7 @@ def test_events_of_a_whole_stream_equal_those_sample_by_sample(
     r = DecisionRule(settings, fingers)
     registered = []
     for row in p:
-        r.update(row)
+        r.update(row.tolist())
         registered.append(r.registered)
     edges = np.flatnonzero(np.diff([False, *registered, False]))
     expected = edges.reshape(-1, 2)
@@ -158,12 +158,12 @@ def test_nan_of_one_finger_does_not_block_detection_on_the_others() -> None:
         for fusion in ["any", "mean"]:
             for never in [np.nan, 0.5]:
                 made = DecisionRule(RuleSettings(kind=kind, fusion=fusion), 3)  # type: ignore[arg-type]
-                verdicts = [made.update(np.array([never, 0.99, 0.9])) for _ in range(10)]
+                verdicts = [made.update([never, 0.99, 0.9]) for _ in range(10)]
                 assert made.registered, (kind, fusion, never)
-                assert verdicts[-1].tolist()[1], (kind, fusion, never)
+                assert verdicts[-1][1], (kind, fusion, never)
                 assert not verdicts[-1][0], (kind, fusion, never)
-                quiet = [made.update(np.array([never, 0.01, 0.01])) for _ in range(10)]
-                assert not quiet[-1].any(), (kind, fusion, never)
+                quiet = [made.update([never, 0.01, 0.01]) for _ in range(10)]
+                assert not any(quiet[-1]), (kind, fusion, never)
                 assert not made.registered, (kind, fusion, never)
                 stream = np.array([[never, 0.99, 0.9]] * 10)
                 assert len(registered_events(stream, made.settings)) == 1, (kind, fusion, never)

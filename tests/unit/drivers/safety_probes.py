@@ -8,10 +8,11 @@ import numpy as np
 
 from drivers.errors import Refused, Stale
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.driver import DriverSettings
 from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.settings import DriverSettings
 from drivers.takktile.settings import TakkTileSettings
-from drivers.ur.driver import ArmDriver, ArmSample, ArmSettings
+from drivers.ur.driver import ArmDriver, ArmSample
+from drivers.ur.settings import ArmSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.takktile.test_driver import Bench

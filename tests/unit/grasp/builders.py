@@ -12,7 +12,7 @@ from drivers.interfaces import (
     TactileFrame,
 )
 from grasp.fault import GRIPPER, INTERRUPTED, TRIAL, Fault
-from grasp.observation import Observation, StepInput
+from grasp.observation import Observation
 
 LOST = (Fault("link_lost", GRIPPER, "unplugged", "plug it in", kind="link_lost"),)
 STOP = Fault(INTERRUPTED, TRIAL, "stopped by hand", kind=INTERRUPTED)
@@ -72,5 +72,4 @@ def observation(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
     }
     values.setdefault("responsive_n", values["estimated_n"])
     values.setdefault("faults", values.get("errors", ()))
-    given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
-    return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]
+    return Observation(**values)  # type: ignore[arg-type]

@@ -82,7 +82,9 @@ class Bench:
         commands = self.decides.pop(0) if self.decides else ()
         observed = observation(inputs.t_ns, gripper=inputs.gripper, arm=inputs.arm)
         return SimpleNamespace(
-            observation=observed, decision=SimpleNamespace(commands=commands), admitted=commands
+            observation=observed,
+            decision=SimpleNamespace(commands=commands, finished=self.controller.finished),
+            admitted=commands,
         )
 
     def verbs(self) -> list[tuple[Any, ...]]:

@@ -51,7 +51,7 @@ def test_abort_ignores_states_from_before_it() -> None:
     left = bench.loop.abort()
     assert bench.clock.now_ns == 10**9 + 210 * MS
     assert bench.verbs() == [("stop", 2.0), ("hold",)] * 4
-    assert left is not None and left.observation.inputs.gripper_lost
+    assert left is not None and left.observation.gripper_lost
 
 
 @pytest.mark.parametrize("bug", [SystemExit(0), KeyboardInterrupt(), ValueError("a bug")], ids=repr)

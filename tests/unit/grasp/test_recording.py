@@ -5,16 +5,21 @@ import os
 import resource
 from collections.abc import Iterator
 from enum import IntEnum
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState
+from grasp.mcap_writer import LEVEL
 from grasp.messages import ArmMessage, arm_message, recorded_arm
-from grasp.recording import RunRecorder, RunRecording
+from grasp.recording import LIBRARY, METADATA_NAME, RunRecorder, RunRecording
 
 
 class Side(IntEnum):
@@ -53,10 +58,12 @@ def sample(index: int) -> Sample:
     return Sample(tuple(range(index, index + 20)), fingers, 0.01 * index)
 
 
-def record(path: Path, count: int = 100, chunk_size: int = 4096) -> list[tuple[str, int, object]]:
+def record(
+    path: Path, samples: int = 100, chunk_messages: int = 9
+) -> list[tuple[str, int, object]]:
     written: list[tuple[str, int, object]] = []
-    with RunRecorder(path, CHANNELS, METADATA, chunk_size) as recorder:
-        for index in range(count):
+    with RunRecorder(path, CHANNELS, METADATA, chunk_messages) as recorder:
+        for index in range(samples):
             written.append(("/sample", index * 10_000_000, sample(index)))
             written.append(("/event", index * 10_000_000, Event(f"tick {index}")))
             for topic, t_ns, message in written[-2:]:
@@ -80,6 +87,31 @@ def test_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
 
 
+def test_the_bytes_are_those_of_the_mcap_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zstandard, "compress", zstandard.ZstdCompressor(LEVEL).compress)
+    written = record(tmp_path / "run.mcap", 20, chunk_messages=9)
+    library = Writer(str(tmp_path / "library.mcap"))
+    library.start(library=LIBRARY)
+    library.add_metadata(METADATA_NAME, dict(sorted(METADATA.items())))
+    with (tmp_path / "run.mcap").open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    assert summary is not None
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        library.register_schema(schema.name, schema.encoding, schema.data)
+        library.register_channel(channel.topic, "json", channel.schema_id)
+    numbers, counts = {"/sample": 1, "/event": 2}, {"/sample": count(), "/event": count()}
+    for i, (topic, t_ns, message) in enumerate(written):
+        if i % 9 == 0:
+            library.flush()
+        data = msgspec.json.encode(message)
+        library.add_message(numbers[topic], t_ns, data, t_ns, next(counts[topic]))
+    library.finish()
+    assert (tmp_path / "run.mcap").read_bytes() == (tmp_path / "library.mcap").read_bytes()
+
+
 # Failures
 
 
@@ -95,7 +127,7 @@ def file_limit() -> Iterator[int]:
 
 def test_a_disk_that_runs_full_leaves_nothing_half_written(tmp_path: Path, file_limit: int) -> None:
     path = tmp_path / "run.mcap"
-    recorder = RunRecorder(path, CHANNELS, METADATA, chunk_size=256)
+    recorder = RunRecorder(path, CHANNELS, METADATA, chunk_messages=2)
     for index in range(200):
         recorder.write("/event", index, Event(os.urandom(40).hex() * 4))
     failure = recorder.failure
@@ -118,10 +150,10 @@ def test_a_wrong_message_is_a_failure_and_not_an_exception(tmp_path: Path) -> No
 
 
 def test_a_truncated_file_gives_a_prefix_of_the_messages(tmp_path: Path) -> None:
-    written = record(tmp_path / "run.mcap", 20, chunk_size=1024)
+    written = record(tmp_path / "run.mcap", 20, chunk_messages=9)
     whole = (tmp_path / "run.mcap").read_bytes()
     lengths = []
-    for end in range(8, len(whole), 7):
+    for end in range(8, len(whole), 13):
         (tmp_path / "cut.mcap").write_bytes(whole[:end])
         recording = RunRecording(tmp_path / "cut.mcap", CHANNELS)
         messages = list(recording)

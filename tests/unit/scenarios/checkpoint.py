@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from detector.network import StreamingNetwork
 from drivers.takktile.model.link import ModelLink, ModelUsb
 from grasp.loop import Tick
 from grasp.states import State
@@ -43,21 +42,14 @@ def _array(array: Any, memo: dict[int, Any]) -> Any:
 
 def copied(parts: Parts) -> Parts:
     """An independent copy of the parts."""
-    detector, memo = parts[1]._step._detector, dict[int, Any]()
-    network = isinstance(detector, StreamingNetwork)
-    if network:  # native parts, bound to arrays by address
-        memo = {id(part): part for part in (detector._session, *detector._bindings)}
     on_tick, parts[1]._on_tick = parts[1]._on_tick, None
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(copy._deepcopy_dispatch, np.ndarray, _array)  # type: ignore[attr-defined]
-        made: Parts = copy.deepcopy(parts, memo)
+        made: Parts = copy.deepcopy(parts)
     parts[1]._on_tick, made[1]._on_tick = on_tick, lambda tick: None
-    if network:
-        again = made[1]._step._detector
-        again._bindings = [again._bind(0), again._bind(1)]
     link: ModelLink = made[0].tactile._link  # its functions still refer to the original
-    link._receiver._connect = lambda serial: ModelUsb(link._model)
-    link._receiver._clock = lambda: link._now_ns
+    link.receiver._connect = lambda serial: ModelUsb(link._model)
+    link.receiver._clock = lambda: link._now_ns
     return made
 
 

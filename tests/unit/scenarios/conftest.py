@@ -10,7 +10,8 @@ import pytest
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig, Rig

@@ -9,11 +9,12 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.model.hand import Command, decode
 from drivers.robotiq.protocol import to_bytes
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, wait_for_polls
 

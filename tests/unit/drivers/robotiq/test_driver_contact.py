@@ -1,8 +1,9 @@
 """Driver core: freshness of the state, contact, closing."""
 
 from drivers.interfaces import Detection
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, RIGID, THUMB, gripped
 from tests.unit.drivers.robotiq.hand import QUICK

@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import DeviceFault, LinkLost, Refused
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.model.hand import decode
 from drivers.robotiq.protocol import (
     CommandRegisters,
 )
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK
 

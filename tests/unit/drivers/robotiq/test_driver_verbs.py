@@ -4,13 +4,14 @@ import pytest
 
 from drivers.errors import Refused
 from drivers.interfaces import Detection
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.model.hand import Request
 from drivers.robotiq.protocol import (
     AxisCommand,
     CommandRegisters,
 )
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gripped
 

@@ -6,12 +6,13 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Detection
-from drivers.robotiq.driver import DriverSettings, ExchangeStatistics, RobotiqDriver
+from drivers.robotiq.driver import ExchangeStatistics, RobotiqDriver
 from drivers.robotiq.exchange import Exchange
 from drivers.robotiq.hand_state import AT_TARGET_NOTE, finger_state, hold_targets, no_motion_reason
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.robotiq.model.hand import Request
 from drivers.robotiq.protocol import AxisCommand, AxisStatus, StatusRegisters
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import Transport
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gripped

@@ -8,7 +8,8 @@ from pymodbus.exceptions import ModbusIOException
 
 from drivers.errors import LinkLost
 from drivers.robotiq import modbus
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
+from drivers.robotiq.settings import ModbusSettings
 
 S = 1_000_000_000
 

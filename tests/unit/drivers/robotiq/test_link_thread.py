@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.robotiq.link import ThreadedGripper
+from drivers.robotiq.link import ThreadedGripper, next_tick_ns
 from tests.unit.drivers.robotiq.link_cell import (
     BEGIN_NS,
     MS,
@@ -121,6 +121,17 @@ def test_periods_that_passed_are_skipped_and_the_grid_is_kept(made: Made) -> Non
     cell.wait()
     wait_for_polls(gripper, 2)
     assert cell.polled_ns[:2] == [BEGIN_NS, BEGIN_NS + 35 * MS]
+
+
+@pytest.mark.parametrize(
+    ("polled_ms", "now_ms", "tick_ms"),
+    [(None, 4, 10), (None, 9, 20), (4, 4, 11), (4, 5, 11), (4, 7, 21), (4, 1007, 1021)],
+)
+def test_status_is_read_shortly_before_the_next_poll_is_expected(
+    polled_ms: int | None, now_ms: int, tick_ms: int
+) -> None:
+    polled_ns = None if polled_ms is None else polled_ms * MS
+    assert next_tick_ns(0, polled_ns, 10 * MS, now_ms * MS) == tick_ms * MS
 
 
 def test_verbs_are_passed_to_the_core_unchanged(made: Made) -> None:

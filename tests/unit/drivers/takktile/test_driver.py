@@ -1,6 +1,7 @@
 """TakkTile driver on a board model: sample age, missed frames, rest counts, recovery."""
 
 import contextlib
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel
 from drivers.takktile.model.link import ModelLink
 from drivers.takktile.protocol import UsbRequest
-from drivers.takktile.settings import TakkTileSettings
+from drivers.takktile.receiver import UsbBoard
+from drivers.takktile.settings import BoardModelSettings, TakkTileSettings
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -24,6 +26,7 @@ class Bench:
         self,
         settings: TakkTileSettings | None = None,
         board: BoardModelSettings | None = None,
+        wrap: Callable[[UsbBoard], UsbBoard] | None = None,
     ) -> None:
         self.codes = np.arange(440, 458, dtype=np.int16)  # board order
         self.noise = np.zeros(18, np.int16)
@@ -31,7 +34,7 @@ class Bench:
         self.now_ns = 0
         self.board = BoardModel(board or BoardModelSettings(), self._sample)
         settings = settings or TakkTileSettings()
-        self.link = ModelLink(self.board, settings)
+        self.link = ModelLink(self.board, settings, wrap=wrap)
         self.driver = TakkTileDriver(self.link, settings)
 
     def _sample(self, t_ns: int):
@@ -66,9 +69,10 @@ class Bench:
         return self.driver.frame
 
 
-@pytest.fixture
-def bench() -> Bench:
-    return Bench().take_rest()
+@pytest.fixture(params=[None, lambda usb: usb], ids=["codes", "bytes"])
+def bench(request) -> Bench:
+    """A bench whose frames pass the link as codes, and one on which they are encoded."""
+    return Bench(wrap=request.param).take_rest()
 
 
 def test_counts_are_raw_minus_rest_and_pressing_is_negative(bench):
@@ -97,6 +101,12 @@ def test_a_frame_is_the_newest_of_the_pending_reads_and_has_its_sample_time():
         ages.append((bench.now_ns - bench.frame.sampled_ns) / MS)
     assert 3.3 <= min(ages) <= max(ages) <= 8.1
     assert np.median(ages) == pytest.approx(5.7, abs=0.3)
+
+
+def test_a_misreported_code_stays_within_ten_bits(bench):
+    bench.board.misreport(lambda codes: np.where(codes < 449, codes - 2000, codes + 2000))
+    bench.poll(2)
+    assert bench.frame.raw.tolist() == [[0] * 6, [0] * 3 + [1023] * 3, [1023] * 6]
 
 
 def test_a_frame_that_is_too_old_counts_as_missed(bench):

@@ -6,9 +6,9 @@ import numpy as np
 
 from drivers.takktile import identify
 from drivers.takktile.identify import REST_FRAMES, TaxelPress
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel
 from drivers.takktile.model.link import ModelUsb
-from drivers.takktile.settings import TakkTileSettings
+from drivers.takktile.settings import BoardModelSettings, TakkTileSettings
 
 MS = 1_000_000
 REST = 400 + np.arange(18)  # rest codes

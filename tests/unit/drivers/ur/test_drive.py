@@ -5,8 +5,9 @@ import math
 import pytest
 
 from drivers.errors import Refused
-from drivers.ur.driver import MAX_TURN_RAD, ArmDriver, ArmSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.driver import MAX_TURN_RAD, ArmDriver
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings, ArmSettings
 
 MS = 1_000_000
 START = (0.5, 0.1, 0.3)

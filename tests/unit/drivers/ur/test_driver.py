@@ -6,8 +6,9 @@ import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, Refused, Stale
-from drivers.ur.driver import ArmDriver, ArmSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.driver import ArmDriver
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings, ArmSettings
 
 MS = 1_000_000
 X, Y, Z = START = (0.5, 0.1, 0.3)

@@ -8,8 +8,9 @@ import pytest
 
 from drivers.errors import DeviceFault
 from drivers.ur.link import client
-from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link.client import UrLink
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Setup, State
+from drivers.ur.settings import UrSettings
 
 SETTINGS = UrSettings(
     host="10.0.0.9", tcp_offset=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6), cog_m=(0.01, 0.02, 0.03),

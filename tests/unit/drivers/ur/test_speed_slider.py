@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur.model import SLIDER_S, ArmModel, ArmModelSettings
+from drivers.ur.model import SLIDER_S, ArmModel
+from drivers.ur.settings import ArmModelSettings
 
 MS = 1_000_000
 START = (0.5, 0.1, 0.3)

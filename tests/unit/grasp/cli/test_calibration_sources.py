@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from grasp.cli import run
+from grasp.cli import trials
 from grasp.cli.main import main
 
 LAB = """
@@ -29,7 +29,7 @@ def output(
 ) -> list[str]:
     """Lines about sources that a run prints before it opens a device."""
     started: list[Any] = []
-    monkeypatch.setattr(run, "run_trials", lambda *arguments: started.append(arguments) or 0)
+    monkeypatch.setattr(trials, "run_trials", lambda *arguments: started.append(arguments) or 0)
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     assert main([*typed, *words]) == 0
     assert started

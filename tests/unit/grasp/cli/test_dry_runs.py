@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import Refused
 from grasp.cli.main import main
-from grasp.cli.run import dry_code
+from grasp.cli.plans import dry_code
 from scenarios.rigs.device_checks import Check
 from tests.calibrations import PRESSED
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.errors import UsageError
-from grasp.cli.lab import TerminalOperator
+from grasp.cli.questions import TerminalOperator
 from scenarios.trial.operator_prompts import WITHDRAWN
 
 

@@ -7,11 +7,10 @@ import msgspec
 import pytest
 
 from drivers.interfaces import ArmState, Vector3
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from grasp.commands import MoveArm, StopArm
-from grasp.fault import ARM
 from grasp.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
-from grasp.monitors.checks import CHECKS
 from grasp.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import arm
 
@@ -23,15 +22,11 @@ class CheckedArm:
     """The history of an arm, and the checks that fail after each state."""
 
     def __init__(self, **settings: Any) -> None:
-        self._limits = MonitorSettings(**settings)
-        self.history = ArmHistory(self._limits)
-        self.command = self.history.sent
+        self._history = ArmHistory(MonitorSettings(**settings))
+        self.command = self._history.sent
 
     def update(self, state: ArmState, pending: bool = False) -> str:
-        self.history.update(state, pending)
-        checks = [(code, c.fails) for code, c in CHECKS.items() if c.device == ARM]
-        found = {code: fails(self.history, self._limits) for code, fails in checks if fails}
-        return ", ".join(code for code, data in found.items() if data is not None)
+        return ", ".join(self._history.update(state, pending))
 
 
 def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0) -> ArmState:

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grasp.fault import FINGERTIPS
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.fingertips import (
     DEAD_SAMPLES,
@@ -23,14 +22,11 @@ class Hand:
     """A history of fingertips, and the checks that fail after each sample."""
 
     def __init__(self, **settings: Any) -> None:
-        self.limits = MonitorSettings(**settings)
-        self.history = FingertipHistory(self.limits)
+        self.history = FingertipHistory(MonitorSettings(**settings))
 
     def update(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
-        self.history.update(None if raw is None else frame_of(raw, missed))
-        checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
-        asked = ((code, c.fails) for code, c in checks if phase in c.states)
-        found = {code: f(self.history, self.limits) for code, f in asked if f}
+        failures = self.history.update(None if raw is None else frame_of(raw, missed))
+        found = {code: d for code, d in failures.items() if phase in CHECKS[code].states}
         return ", ".join(f"{n} {d.get('finger', '')}".strip() for n, d in found.items() if d)
 
 
@@ -63,6 +59,15 @@ def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
     """Repeated codes are 48 to 50 counts from their rest."""
     n, codes = until_wrong([one_finger_alive(k) for k in range(9, 99)])
     assert (n, codes) == (DEAD_SAMPLES + 1, "fingertip_dead A")
+
+
+def test_saturated_taxels_hide_neither_a_frozen_hand_nor_a_dead_fingertip() -> None:
+    """Two taxels of finger B alternate between the ends, or stay at one of them."""
+    frozen = [rails(9, (0, 1023)[k % 2], taxels=2) for k in range(50)]
+    assert until_wrong(frozen) == (FROZEN_SAMPLES + 1, "fingertips_frozen")
+    pressed = rails(9, 1023, taxels=2)[1]
+    dead = [np.stack([codes(k)[0], pressed, codes(k)[2]]) for k in range(9, 99)]
+    assert until_wrong(dead) == (DEAD_SAMPLES + 1, "fingertip_dead B")
 
 
 def test_an_unloaded_fingertip_with_constant_codes_is_neither_frozen_nor_dead() -> None:
@@ -104,10 +109,10 @@ def test_a_stuck_taxel_is_unresponsive_until_it_changes() -> None:
     hand, telling = Hand(), []
     for k in range(STUCK_SAMPLES + 2):
         hand.update(partly_stuck(k))
-        telling.append(int(hand.history.responsive.sum()))
+        telling.append(sum(map(sum, hand.history.responsive)))
     assert telling == [18] * STUCK_SAMPLES + [12] * 2
     hand.update(codes(1))
-    assert hand.history.responsive.all() and hand.history.all_responsive
+    assert hand.history.responsive == [[True] * 6] * 3 and hand.history.all_responsive
 
 
 def failed_with(stuck: int, phase: State, code: int = 420) -> str:
@@ -128,7 +133,7 @@ def test_no_lift_with_a_fingertip_with_more_than_half_stuck_taxels() -> None:
 def test_saturated_taxels_are_unresponsive_and_a_saturated_fingertip_gives_no_force() -> None:
     hand = Hand()
     hand.update(rails(0, 0, taxels=2))
-    assert hand.history.responsive.sum(axis=1).tolist() == [6, 4, 6]
+    assert [sum(row) for row in hand.history.responsive] == [6, 4, 6]
     assert hand.history.plausible
     hand.update(rails(1, 0))
     assert not hand.history.plausible

@@ -6,8 +6,6 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection, GripperState
-from grasp.fault import GRIPPER
-from grasp.monitors.checks import CHECKS
 from grasp.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
@@ -27,17 +25,10 @@ TICK = 10 * MS
 IMPOSSIBLE = "gripper_impossible"
 
 
-def codes_of(h: GripperHistory, s: MonitorSettings) -> str:
-    checks = ((code, c.fails) for code, c in CHECKS.items() if c.device == GRIPPER)
-    return ", ".join(code for code, fails in checks if fails and fails(h, s) is not None)
-
-
 def failed_at(states: list[GripperState], **settings: Any) -> str:
     """Codes that fail at the last state; asserts that none fails before."""
-    history, limits, codes = GripperHistory(), MonitorSettings(**settings), []
-    for state in states:
-        history.update(state)
-        codes.append(codes_of(history, limits))
+    history = GripperHistory(MonitorSettings(**settings))
+    codes = [", ".join(history.update(state)) for state in states]
     assert not any(codes[:-1])
     return codes[-1]
 
@@ -187,12 +178,12 @@ def test_an_inactive_hand_is_a_fault_unless_it_reports_one_itself() -> None:
 
 def flickering(every: int, asked_every: int = 1000) -> set[str]:
     """Codes that fail for a hand that alternately reports motion and standstill."""
-    history, found = GripperHistory(), set()
+    history, found = GripperHistory(MonitorSettings()), set()
     for tick in range(120):
         says = Detection.MOVING if tick // every % 2 else Detection.AT_TARGET
         asked, at = (60 + tick // asked_every % 2,) * 3, (60 + tick % 2,) * 3
-        history.update(gripper(tick * TICK, at, (says,) * 3, requested=asked))
-        found.add(codes_of(history, MonitorSettings()))
+        failures = history.update(gripper(tick * TICK, at, (says,) * 3, requested=asked))
+        found.add(", ".join(failures))
     return found
 
 

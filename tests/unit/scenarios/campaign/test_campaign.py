@@ -55,6 +55,19 @@ def test_every_combination_is_run_with_every_seed() -> None:
     assert {trial.config.controller.closing_speed_mps for trial in found} == {0.05}
 
 
+def test_each_combination_sets_the_object_down_once_in_ten_repetitions() -> None:
+    spec = CampaignSpec(name="ten", scenarios=("lift", "tap"), objects=("can", "ball"))
+    found = list(trials(spec, combinations(spec)))
+    sampled = [trial for trial in found if trial.set_down]
+    assert sorted((t.scenario, t.config.object.name, t.repetition // 10) for t in sampled) == [
+        (scenario, name, ten)
+        for scenario in ("lift", "tap") for name in ("ball", "can") for ten in (0, 1)
+    ]  # fmt: skip
+    assert all(trial.run_config.controller.keep is not trial.set_down for trial in found)
+    always = msgspec.structs.replace(spec, settings=("controller.keep=false",))
+    assert all(trial.set_down for trial in trials(always, combinations(always)))
+
+
 def test_a_wrong_file_is_refused_before_anything_runs(tmp_path: Path) -> None:
     for wrong, named in [
         ('objects = ["cann"]', "can"),

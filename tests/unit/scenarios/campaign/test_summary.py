@@ -14,7 +14,7 @@ def row(number: int, name: str, outcome: str, slip_m: float | None = 0.02, **mor
     values: dict[str, object] = {
         "trial": number, "scenario": "lift", "object": name, "profile": "default",
         "detector": "energy", "swept": "{}", "repetition": number, "seed": number,
-        "status": "done", "config_hash": "", "detector_hash": "",
+        "status": "done", "set_down": False, "config_hash": "", "detector_hash": "",
         "success": outcome.startswith("held"), "outcome": outcome,
         "slip_distance_m": slip_m, **more,
     }  # fmt: skip

@@ -49,8 +49,8 @@ def run_all(made: TrialSeries, out: Path, *, resume: bool = False) -> list[Row |
 def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
     run_all(TrialSeries(scenario, config(scenario), 0, 1), tmp_path / "e.sqlite")
     spec = CampaignSpec(
-        name="c", scenarios=(scenario,), objects=("can",), detectors=("energy",), settings=QUICK,
-        repetitions=1, recordings="none",
+        name="c", scenarios=(scenario,), objects=("can",), detectors=("energy",),
+        settings=(*QUICK, "controller.keep=false"), repetitions=1, recordings="none",
     )  # fmt: skip
     run_campaign(spec, tmp_path / "c.sqlite", Workers(0))
     with (

@@ -12,7 +12,7 @@ import pytest
 import grasp
 from drivers.errors import ConfigError, UsageError
 from scenarios.library.results import Lift
-from scenarios.rigs import opening
+from scenarios.rigs import wired
 
 ROOT = Path(__file__).parents[4]
 LAB = {
@@ -81,7 +81,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         found.append(config.rig)
         raise AssertionError("real devices were opened")
 
-    monkeypatch.setattr(opening, "wired_devices", wired_devices)
+    monkeypatch.setattr(wired, "wired_devices", wired_devices)
     return found
 
 

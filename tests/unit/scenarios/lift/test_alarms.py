@@ -11,7 +11,7 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import QUIET as CALM
 from tests.unit.scenarios.conftest import Staged, in_phase

@@ -24,8 +24,9 @@ from grasp.loop import ControlLoop
 from grasp.slip_monitor import SlipMonitor
 from grasp.states import State
 from grasp.step import GraspStep
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.rig import Rig, calibration
+from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import LinkWrappers, simulated
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import grip_plan, make_controller, make_guard, run_trial

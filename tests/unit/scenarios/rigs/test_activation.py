@@ -7,9 +7,10 @@ import pytest
 
 from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Gripper
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import BASIC, SCISSOR, CommandRegisters
+from drivers.robotiq.settings import DriverSettings
 from grasp.clock import Clock, VirtualClock
 from scenarios.rigs.rig import activate, mode_of, take_over
 from tests.calibrations import PAPER

@@ -11,9 +11,8 @@ from drivers.errors import ConfigError
 from drivers.robotiq.calibration import GripperCalibration
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.lab.hand import hand_guard, step_counts
-from scenarios.rigs.calibration import weak_claim
+from scenarios.rigs.calibration import calibration, settings_to_open, weak_claim
 from scenarios.rigs.permission import check_devices
-from scenarios.rigs.rig import calibration, settings_to_open
 from scenarios.trial.execution import make_guard
 from tests.calibrations import PRESSED
 

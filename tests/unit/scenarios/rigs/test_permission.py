@@ -14,7 +14,7 @@ from grasp.cli.commands import build_parser
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
-from scenarios.rigs import opening
+from scenarios.rigs import opening, wired
 from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap.tap import tap
 from scenarios.trial.series import TrialContext
@@ -57,7 +57,7 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         opened.append(config.rig)
         raise AssertionError("real devices were opened")
 
-    monkeypatch.setattr(opening, "wired_devices", wired_devices)
+    monkeypatch.setattr(wired, "wired_devices", wired_devices)
     return opened
 
 

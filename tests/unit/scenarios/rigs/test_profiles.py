@@ -1,7 +1,8 @@
 """Profiles set detector, decision rule and slip response together."""
 
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
 from tests.unit.scenarios.conftest import phases_without_feel
 
 

@@ -12,7 +12,8 @@ from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.tap.mallet import TapConfig, swing
+from scenarios.tap.config import TapConfig
+from scenarios.tap.mallet import swing
 from scenarios.tap.scoring import TapResult
 from scenarios.tap.tap import TapTrial, tap
 from scenarios.trial.execution import make_guard

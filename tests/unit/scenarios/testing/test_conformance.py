@@ -16,7 +16,7 @@ from drivers.takktile.model.link import ModelLink
 from drivers.ur.driver import ArmDriver
 from grasp.clock import VirtualClock
 from scenarios.campaign.config import load_config
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.simulated import make_cell
 from tests import conformance
 from tests.conformance import Bench

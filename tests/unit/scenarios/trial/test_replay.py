@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.network import StreamingNetwork
+from detector.network import RuntimeNetwork, StreamingNetwork
 from detector.recordings import Recording
 from grasp.commands import CloseFast
 from grasp.messages import CONTROL
@@ -60,8 +60,16 @@ def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(result.recording)
 
 
+def test_run_with_compiled_network_is_replayed_in_onnx_runtime(
+    bounded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("detector.network.engine_of", RuntimeNetwork)
+    replay = replay_run(bounded)
+    assert replay.differences == [] and replay.complete
+
+
 def only_at_first(self: StreamingNetwork) -> None:
-    if not hasattr(self, "_turn"):
+    if not hasattr(self, "_started"):
         RESET(self)
 
 

@@ -21,9 +21,7 @@ def of(*steps: tuple[State, bool, float]) -> Trace:
         tick: Any = SimpleNamespace(
             decision=SimpleNamespace(state=phase, slip=slip),
             issued=(),
-            observation=SimpleNamespace(reported=()),
-            estimated_n=ZERO,
-            frame=None,
+            observation=SimpleNamespace(reported=(), estimated_n=ZERO, frame=None),
         )
         normal_n = HELD.normal_n if touched else ZERO
         trace.add(tick, msgspec.structs.replace(HELD, normal_n=normal_n, height_m=height_m))

@@ -6,11 +6,12 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.errors import LinkLost
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.emulator import GripperEmulator
 from drivers.robotiq.link import ThreadedGripper
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.settings import DriverSettings, ModbusSettings
 from tests.calibrations import PAPER
 
 QUICK = HandSettings(activation_s=0.1)

@@ -5,9 +5,10 @@ import time
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.emulator import FaultKind, WireFault
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
+from drivers.robotiq.settings import DriverSettings, ModbusSettings
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S
 

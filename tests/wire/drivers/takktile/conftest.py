@@ -12,7 +12,8 @@ import usb.core
 
 from drivers.takktile.emulator.server import BoardServer, backend
 from drivers.takktile.link import UsbLink
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
 
 PATIENCE_S = 60.0  # longest wait, also on a busy machine
 MS = 1_000_000

@@ -15,7 +15,8 @@ from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFin
 from grasp.loop import Tick
 from grasp.states import AIRBORNE_STATES, State
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import Rig

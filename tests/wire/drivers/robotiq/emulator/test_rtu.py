@@ -6,10 +6,11 @@ import pytest
 import serial
 
 from drivers.errors import LinkLost
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.emulator import FaultKind, RtuEmulator, WireFault
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
+from drivers.robotiq.settings import DriverSettings, ModbusSettings
 from tests.calibrations import PAPER
 from tests.wire.cases import case
 from tests.wire.drivers.robotiq.rig import QUICK, FastClock, until

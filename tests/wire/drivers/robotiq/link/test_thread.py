@@ -6,9 +6,10 @@ import time
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
-from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.emulator import FaultKind, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
+from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
 

@@ -9,7 +9,8 @@ from drivers.ur.emulator.controller import (
     SafetyMode,
 )
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 
 PERIOD_NS = 8_000_000
 DOWN = "3.141592653589793, 0, 0"

@@ -10,7 +10,8 @@ from drivers.ur.emulator.controller import EmulatorSettings, RuntimeState, Safet
 from drivers.ur.emulator.dashboard import FaultChannel
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.server import UrEmulator
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from tests.wire.cases import case
 from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench
 

@@ -7,7 +7,8 @@ import pytest
 
 from drivers.ur import kinematics
 from drivers.ur.emulator.controller import RuntimeState, SafetyMode
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, run_to_end
 
 

@@ -14,9 +14,10 @@ import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
-from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.driver import ArmDriver
 from drivers.ur.link import client
-from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link.client import UrLink
+from drivers.ur.settings import ArmSettings, UrSettings
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
