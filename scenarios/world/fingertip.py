@@ -125,8 +125,8 @@ class Fingertips:
     ) -> None:  # fmt: skip
         s, n = settings, len(surfaces)
         self._settings, self._rng, self._t_s = s, rng, 0.0
-        self._parameters = _parameters(s, 0.0 if held is None else held.radps)
         at = spring_positions(s)
+        self._parameters = _parameters(s, at, 0.0 if held is None else held.radps)
         self._at, self._taxels = np.ascontiguousarray(at.T), taxel_positions(s)
         fields = [height_field(surface, rng) for surface in surfaces]
         self._fields = np.stack([field for field, _ in fields])
@@ -182,8 +182,8 @@ class Fingertips:
         self._t_s = t_s
         warming_k = self._settings.warming_k * -math.expm1(-t_s / self._settings.warming_s)
         laws.advance(
-            self._parameters, dt_s, arm_moves, self._normals[self._row],
-            self._jitter_normals[self._row], normal_n, motion_mm, turn_rad, centre_mm,
+            self._parameters, dt_s, arm_moves, self._row, self._normals, self._jitter_normals,
+            normal_n, motion_mm, turn_rad, centre_mm,
             self._no_mount if mount_npmm is None else mount_npmm, self._pads, self._fields,
             self._at, self._gaps, self._taxels,
             self._pressed_rest if t_s < self._pressed_until_s else self.rest,
@@ -246,15 +246,15 @@ class Fingertips:
         return out
 
 
-def _parameters(s: FingertipSettings, held_object_radps: float) -> Floats:
-    cells = _cells(PAD_HALF_LENGTH_MM, s) * _cells(PAD_HALF_WIDTH_MM, s)
-    stiffness = s.foundation_n_per_mm3 * 4 * PAD_HALF_LENGTH_MM * PAD_HALF_WIDTH_MM / cells
+def _parameters(s: FingertipSettings, at: Floats, held_object_radps: float) -> Floats:
+    area_mm2 = 4 * PAD_HALF_LENGTH_MM * PAD_HALF_WIDTH_MM
+    stiffness = s.foundation_n_per_mm3 * area_mm2 / len(at)
     out = np.empty(laws.PARAMETERS)
     out[:] = (
         stiffness, stiffness * SHEAR_SHARE, STEP_MM, STEP_S,
         *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
         2 * math.pi * s.lateral_hz, s.lateral_damping, PAD_HALF_LENGTH_MM, PAD_HALF_WIDTH_MM,
-        spring_positions(s)[:, 0].max(), s.wander_mm, s.wander_fast_s, s.wander_slow_s,
+        at[:, 0].max(), s.wander_mm, s.wander_fast_s, s.wander_slow_s,
         s.vibration_mm, 2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.shift_mm,
         s.rock_rad, s.jitter_s, held_object_radps, HELD_DAMPING, s.noise_counts, CODE_MAX,
         FOLD if s.fold_above_512 else CODE_MAX, s.relaxation_share, s.relaxation_slow_share,

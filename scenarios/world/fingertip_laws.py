@@ -82,6 +82,7 @@ NEAR, CELL_U, CELL_V = range(3)
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts/N
+EXP_MINUS_6 = math.exp(-6.0)
 NARROW_MM2 = 0.25  # a load within half a millimetre of its centre has no measurable rotation
 CLEAR_MM = 0.1  # springs farther than this from the surface are skipped
 FAR = -1e6  # depth of such a spring
@@ -90,13 +91,15 @@ STABLE = 1.5  # phase per step, rad; symplectic Euler is stable below 2
 OUT_OF_REACH_MM = 5.0  # a pad this far from the surface has no contact
 
 
-# For functions that only compiled code calls; a wrapper for Python would double their compile time.
-inner = njit(error_model="numpy")
+# For functions that only compiled code calls: wrappers for Python and C would take long to compile.
+inner = njit(  # type: ignore[call-overload]
+    error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+)
 
 
 @njit(cache=True)
 def advance(
-    p: Floats, dt_s: float, arm_moves: bool, normals: Floats, jitter_normals: Floats,
+    p: Floats, dt_s: float, arm_moves: bool, row: int, normals: Floats, jitter_normals: Floats,
     normal_n: Floats, motion: Floats, turn: Floats, centre: Floats, mounts: Floats,
     pads: Floats, fields: Singles, at: Floats, gaps: Floats, taxels: Floats, rest: Rests,
     warm: float, vibration: Floats, states: Floats, springs: Floats, contacts: Indices,
@@ -108,20 +111,20 @@ def advance(
     turn (F,) of the surface, and its centre (F, 2). Where mounts (F,) is above 0 it is the
     stiffness of the pad's spring, N/mm, and normal_n is its load at approach 0.
 
-    normals: standard normal numbers, of ``disturb`` and then of the codes' noise; jitter_normals
-    (2 * JITTERS,) per row of vibration. gaps (F, 2, S): gap by pad shape and tilt at each spring at
-    (2, S), and its minimum over all later springs. warm: counts added by temperature. contacts
+    normals, jitter_normals: standard normal numbers, of which ``row`` is used for ``vibrate`` and,
+    in normals, for the noise of the codes. gaps (F, 2, S): gap by pad shape and tilt at each spring
+    at (2, S), and its minimum over all later springs. warm: counts added by temperature. contacts
     (F, 2, S): springs that carry load, and springs whose bristle holds the surface.
     """
     n = states.shape[0]
     scene = np.empty((n, 5))
-    vibrate(p, dt_s, arm_moves, normals, jitter_normals, vibration)
+    vibrate(p, dt_s, arm_moves, normals[row], jitter_normals[row], vibration)
     if p[HELD_RADPS] > 0.0:
         shake_held(p, dt_s, normal_n, motion, pads, states, vibration[0], scene)
     else:
         shake(p, normal_n, motion, mounts, pads, states, vibration, scene)
-    work, cells = np.empty((4, at.shape[1])), np.empty((3, at.shape[1]), np.int64)
-    noise = normals[4 * vibration.shape[0] + 2 :]
+    work, cells = np.empty((6, at.shape[1])), np.empty((3, at.shape[1]), np.int64)
+    noise = normals[row, 4 * vibration.shape[0] + 2 :]
     for f in range(n):
         advance_pad(
             p, dt_s, scene[f], turn[f], centre[f], mounts[f], pads[f], fields[f], at, gaps[f],
@@ -129,7 +132,7 @@ def advance(
         )  # fmt: skip
         read(
             p, states[f], springs[f], contacts[f], at, taxels, rest[f], warm,
-            noise[f * codes.shape[1] :], codes[f],
+            noise[f * codes.shape[1] :], work, codes[f],
         )  # fmt: skip
 
 
@@ -200,7 +203,7 @@ def find_near(
     cos, sin = math.cos(s[POSE_TURN]), math.sin(s[POSE_TURN])
     kx, ky = 0.5 * pad[CURVATURE_X], 0.5 * pad[CURVATURE_Y]
     tilt_x, tilt_y, pose_x, pose_y = scene[ROCK_X], scene[ROCK_Y], s[POSE_X], s[POSE_Y]
-    step, highest = pad[FIELD_STEP], level + pad[FIELD_PEAK]
+    per_step, highest = 1.0 / pad[FIELD_STEP], level + pad[FIELD_PEAK]
     n = within_reach(gap[1], highest + abs(tilt_x) * p[HALF_X] + abs(tilt_y) * p[HALF_Y])
     at_x, at_y, bristle_x, bristle_y = at[0], at[1], springs[BRISTLE_X], springs[BRISTLE_Y]
     rest, fast, slow, slowest = gap[0], springs[RELAXED], springs[RELAXED + 1], springs[RELAXED + 2]
@@ -215,10 +218,10 @@ def find_near(
         n -= 1
     for j in range(n):
         dx, dy = at_x[j] + bristle_x[j] - pose_x, at_y[j] + bristle_y[j] - pose_y
-        us[j] = (cos * dx + sin * dy) / step
+        us[j] = (cos * dx + sin * dy) * per_step
     for j in range(n):
         dx, dy = at_x[j] + bristle_x[j] - pose_x, at_y[j] + bristle_y[j] - pose_y
-        vs[j] = (cos * dy - sin * dx) / step
+        vs[j] = (cos * dy - sin * dx) * per_step
     split_cells(us, n, cells[CELL_U])
     split_cells(vs, n, cells[CELL_V])
     near, reach, cell_u, cell_v = cells[NEAR], work[REACH], cells[CELL_U], cells[CELL_V]
@@ -276,8 +279,8 @@ def solve_approach(reach: Floats, total_mm: float, mount: float, start: float, n
                 total += d
                 slope += 1.0
         if slope == 0.0 or (k == NEWTON_STEPS // 2 and mount == 0.0):
-            lowest = FAR if reach.shape[0] < n else np.inf
-            for j in range(reach.shape[0] if reach.shape[0] == n else 0):
+            lowest = FAR if reach.shape[0] < n else 0.0
+            for j in range(reach.shape[0]):
                 lowest = min(lowest, reach[j])
             approach = total_mm / n - lowest  # all springs touch: never too shallow
             continue
@@ -460,7 +463,7 @@ def shift_origin(s: Floats, dx: float, dy: float, turn: float) -> None:
 @inner
 def read(
     p: Floats, s: Floats, springs: Floats, contacts: Indices, at: Floats, taxels: Floats,
-    rest: Rests, warm: float, noise: Floats, out: Codes,
+    rest: Rests, warm: float, noise: Floats, work: Floats, out: Codes,
 ) -> None:  # fmt: skip
     """Codes (taxels,) of one pad into ``out``, from 0 to CODE_MAX; codes above FOLD are mirrored at
     it. warm: counts added by temperature; noise: standard normal.
@@ -469,21 +472,55 @@ def read(
     NORMAL_WIDTH^2) counts; a shear load q towards it by q * SHEAR_PEAK r exp(-r^2 / 2
     SHEAR_WIDTH^2).
     """
+    tip_x, tip_y, normal, shear_x, shear_y = work[0], work[1], work[2], work[3], work[4]
+    falls, n = work[5], int(s[LOADED])
+    for c in range(n):
+        j = contacts[0, c]
+        tip_x[c], tip_y[c] = at[0, j] + springs[BRISTLE_X, j], at[1, j] + springs[BRISTLE_Y, j]
+        normal[c] = p[NORMAL_PEAK] * springs[LOAD, j]
+        shear_x[c] = p[SHEAR_PEAK] * springs[TRACTION_X, j]
+        shear_y[c] = p[SHEAR_PEAK] * springs[TRACTION_Y, j]
     a, b = -0.5 / p[NORMAL_WIDTH] ** 2, -0.5 / p[SHEAR_WIDTH] ** 2
     for i in range(out.shape[0]):
-        fall = 0.0
-        for c in range(int(s[LOADED])):
-            j = contacts[0, c]
-            x = taxels[i, 0] - at[0, j] - springs[BRISTLE_X, j]
-            y = taxels[i, 1] - at[1, j] - springs[BRISTLE_Y, j]
+        taxel_x, taxel_y = taxels[i, 0], taxels[i, 1]
+        for c in range(n):
+            x, y = taxel_x - tip_x[c], taxel_y - tip_y[c]
             rr = x * x + y * y
-            if a * rr > NEGLIGIBLE:
-                towards = springs[TRACTION_X, j] * x + springs[TRACTION_Y, j] * y
-                fall += springs[LOAD, j] * p[NORMAL_PEAK] * math.exp(a * rr)
-                fall += towards * p[SHEAR_PEAK] * math.exp(b * rr)
-        exact = rest[i] - fall + warm + p[NOISE_COUNTS] * noise[i]
+            shear = shear_x[c] * x + shear_y[c] * y
+            fall = normal[c] * fast_exp(a * rr) + shear * fast_exp(b * rr)
+            falls[c] = fall if a * rr > NEGLIGIBLE else 0.0
+        exact = rest[i] - total(falls, n) + warm + p[NOISE_COUNTS] * noise[i]
         code = min(max(np.rint(exact), 0.0), p[CODE_MAX])
         out[i] = int(2.0 * p[FOLD] - code if code > p[FOLD] else code)
+
+
+@inner
+def fast_exp(x: float) -> float:
+    """exp(x) for x from -12 to 0, relative error below 1e-10: the power series of exp((x + 6) / 32)
+    to the 32nd power. LLVM vectorises it, in contrast to math.exp."""
+    u = (x + 6.0) / 32.0
+    e = 1 / 120 + u * (1 / 720 + u * (1 / 5040 + u * (1 / 40320)))
+    e = 1.0 + u * (1.0 + u * (1 / 2 + u * (1 / 6 + u * (1 / 24 + u * e))))
+    e2 = e * e
+    e4 = e2 * e2
+    e8 = e4 * e4
+    e16 = e8 * e8
+    return EXP_MINUS_6 * (e16 * e16)
+
+
+@inner
+def total(values: Floats, n: int) -> float:
+    """Sum of the first n values, as four sums, since each addition waits for the one before."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = n - n % 4
+    for k in range(0, whole, 4):
+        a += values[k]
+        b += values[k + 1]
+        c += values[k + 2]
+        d += values[k + 3]
+    for k in range(whole, n):
+        a += values[k]
+    return (a + b) + (c + d)
 
 
 # Vibration, stepped exactly over any time

@@ -55,6 +55,11 @@ def test_pressing_lowers_the_codes_from_rest() -> None:
     assert pressed.min() < -50
 
 
+def test_exponential_of_the_codes_is_exact_to_ten_digits() -> None:
+    x = np.linspace(laws.NEGLIGIBLE, 0.0, 1000)
+    assert laws.fast_exp.py_func(x) == pytest.approx(np.exp(x), rel=1e-10)
+
+
 def test_spring_loads_sum_to_the_normal_force() -> None:
     tips = make(**QUIET)
     for k, force in enumerate((0.02, 0.5, 10.0, 0.1)):
