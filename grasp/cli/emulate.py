@@ -43,7 +43,7 @@ def emulate(args: argparse.Namespace) -> int:
     )  # fmt: skip
     period = f"arm_model.period_s={PERIODS_S[args.profile]}"
     config = load_for_devices(args.object, "emulated", args.config, [period, *args.set])
-    print_status("cell: starting; the first start compiles the simulation")
+    print_status("cell: starting")
     console = Console(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:

@@ -20,7 +20,6 @@ SETTING_UP = {
     "hardware": "connecting to the devices",
 }  # fmt: skip
 ACTIVATING = ", activating the gripper"
-COMPILING = "setting up: compiling the simulation, about a minute, only once"
 
 
 class LocalViewer:
@@ -68,9 +67,10 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.compilation import on_first_compilation
+            from scenarios.rigs.compilation import COMPILING, on_first_compilation
 
-            said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
+            line = view.StatusLine(f"setting up: {COMPILING}")
+            said = on_first_compilation(lambda: self.show_waiting(line))
             self._until_closed.enter_context(said)
         return self
 

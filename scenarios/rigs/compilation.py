@@ -10,6 +10,7 @@ from numba.core.dispatcher import Dispatcher
 
 from scenarios.rigs import simulated  # noqa: F401  (with all compiled functions of the world)
 
+COMPILING = "compiling the simulation, about a minute, only once"
 PACKAGES = ("detector", "drivers", "scenarios")
 Report = Callable[[int, int], object]  # functions that are ready, and all
 
