@@ -150,7 +150,7 @@ class GraspStep:
         return (NO_SLIP, invalid) if invalid else (probabilities, None)
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
-        if probabilities.max() > SLIP_LIKELY:
+        if max(probabilities.tolist()) > SLIP_LIKELY:
             with suppress(Exception):  # only recorded, so a bug must not end a run
                 return self._motion()
         return None

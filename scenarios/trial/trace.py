@@ -7,6 +7,8 @@ from grasp.monitors.fingertips import taxels_at_rail
 from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
 from scenarios.world.truth import Truth
 
+HELD_UP_STATES = AIRBORNE_STATES - LOWERING_STATES  # before the set-down
+
 
 class Trace:
     """Collects the values that a verdict needs; call ``add`` each control step."""
@@ -47,15 +49,17 @@ class Trace:
             a, b, c = map(max, self.taxels_at_rail, taxels_at_rail(obs.frame))
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
-        if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
+        held_up = phase in HELD_UP_STATES
+        if held_up:
             self.estimated_n = max(obs.estimated_n)
         if truth is None:
             return
-        if self._was_touched and not truth.touched:
+        touched = truth.touched
+        if self._was_touched and not touched:
             self.lost_at_m = max(self.lost_at_m, self._was_at_m)
             if phase in AIRBORNE_STATES:
                 self.had_compensated = self._compensated
-        self._was_touched, self._was_at_m = truth.touched, truth.height_m
-        if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
+        self._was_touched, self._was_at_m = touched, truth.height_m
+        if held_up:
             self.end = truth
             self.lost_at_m = 0.0  # a loss before this instant: ``end`` tells whether it is held
