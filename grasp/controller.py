@@ -307,7 +307,7 @@ class GraspController:
         s, set_down = self._settings, obs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
-        futile = obs.closing_exhausted and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
+        futile = held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS and obs.closing_exhausted
         if not (over or futile) and self._respond_to_slip(obs):
             return
         if over or futile or set_down or self._lasted(obs, s.hold_s):

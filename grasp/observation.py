@@ -126,9 +126,8 @@ class Observation(StepInput, kw_only=True):
         if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
-        return all(
-            f.detection is Detection.CONTACT_CLOSING
-            or (f.position_counts >= limit and not close.first_stage)
-            for f, closes, limit in fingers
-            if closes
-        )
+        for finger, closes, limit_counts in fingers:
+            at_limit = finger.position_counts >= limit_counts and not close.first_stage
+            if closes and not at_limit and finger.detection is not Detection.CONTACT_CLOSING:
+                return False
+        return True
