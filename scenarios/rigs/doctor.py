@@ -17,6 +17,7 @@ from grasp.files import nearest_folder, why_not_writable
 from grasp.realtime import PRIORITY
 from grasp.settings import config_dir
 from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
+from scenarios.rigs.emulated import at_endpoints, cell_process
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
@@ -89,8 +90,6 @@ def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
             return []
         if config.rig != "emulated":
             return ask_devices(config, would_run)
-        from scenarios.rigs.emulated import at_endpoints, cell_process
-
         with cell_process(config, 0) as cell:
             return ask_devices(at_endpoints(config, cell.endpoints), would_run)
     except Exception as error:  # the doctor reports every error

@@ -152,7 +152,6 @@ def test_no_module_is_imported_by_a_computed_name() -> None:
 LATE = (
     "grasp/__init__.py",
     "grasp/cli/",
-    "scenarios/rigs/doctor.py",
     "scenarios/testing/plugin.py",
     "detector/network.py",  # compiled networks: where they cannot be compiled, ONNX Runtime is used
     # what a device is driven with imports the compiled world only where there is one
