@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.energy import EnergyDetector, EnergySettings
-from detector.network import NetworkSettings, StreamingNetwork, load_network
+from detector.network import NetworkSettings, StreamingNetwork, find_network, load_network
 from detector.network_file import is_weights, packaged_networks, weights_digest, weights_path
 from detector.plugins import PluginSettings, code_digest, is_plugin, load_plugin
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
@@ -86,7 +86,10 @@ def fingerprint_of(name: str, section: Mapping[str, Any]) -> dict[str, Any]:
 
 @cache
 def memory_of(name: str, settings: DetectorSettings, taxels: int = KIT_TAXELS) -> int:
-    """``memory`` of the detector that ``load_detector`` returns; raises the same errors."""
+    """``memory`` of the detector that ``load_detector`` returns; raises the same errors. A network
+    is read and not compiled."""
+    if isinstance(settings, NetworkSettings) and name in DETECTORS:
+        return find_network(name, settings, taxels)[0].memory
     return load_detector(name, settings, 1, taxels).memory
 
 

@@ -112,7 +112,7 @@ class StreamingNetwork:
     ) -> None:
         self.card = card = loaded.card
         self.name, self.threshold = card.name, card.threshold
-        self.memory = card.window + 1 if card.window else 0
+        self.memory = loaded.memory
         self._outputs = outputs
         self.engine = engine_of(loaded, fingers)
         inputs = self.engine.inputs
@@ -152,7 +152,7 @@ class WindowedNetwork:
 
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
         self.card = card = loaded.card
-        self.name, self.threshold, self.memory = card.name, card.threshold, card.window
+        self.name, self.threshold, self.memory = card.name, card.threshold, loaded.memory
         self.engine = engine_of(loaded, fingers)
         self._window = SampleWindow(self.engine.inputs["counts"])
         self.reset = self._window.reset
@@ -176,9 +176,18 @@ def run_network(
 def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from a weights file and the auxiliary outputs beside it. Raises BadFile. Raises
-    UsageError for another layout, for two files, and for weights of another network than the
-    packaged one with that name: its rule would not fit."""
+    """Detector from a weights file and the auxiliary outputs beside it; raises as ``find_network``
+    and BadFile."""
+    loaded, outputs = find_network(name, settings, taxels)
+    return run_network(loaded, fingers, outputs)
+
+
+def find_network(
+    name: str, settings: NetworkSettings, taxels: int = KIT_TAXELS
+) -> tuple[LoadedNetwork, AuxiliaryOutputs | None]:
+    """The file and the auxiliary outputs of a network. Raises BadFile. Raises UsageError for
+    another layout, for two files, and for weights of another network than the packaged one with
+    that name: its rule would not fit."""
     if settings.weights and is_weights(name):
         both = f"{name} and network.weights={settings.weights}"
         raise UsageError(f"{both} are two files of weights", "name one")
@@ -195,4 +204,4 @@ def load_network(
         card = msgspec.structs.replace(loaded.card, name=path.name)
         loaded = msgspec.structs.replace(loaded, card=card)
     check_layout(name, loaded.taxels, taxels)
-    return run_network(loaded, fingers, read_outputs(path, weights_digest(path), loaded))
+    return loaded, read_outputs(path, weights_digest(path), loaded)

@@ -85,6 +85,12 @@ class LoadedNetwork(msgspec.Struct, frozen=True, dict=True):
         return _session(self.content)
 
     @property
+    def memory(self) -> int:
+        """Samples that an output depends on; 0: all since the reset."""
+        before_newest = self.card.window > 0 and self.card.mode == "stream"
+        return self.card.window + 1 if before_newest else self.card.window
+
+    @property
     def taxels(self) -> int:
         """Taxels of a fingertip that the network was trained for."""
         return len(self.card.mean_counts)

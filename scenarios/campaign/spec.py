@@ -13,7 +13,6 @@ from msgspec import Meta
 from detector.network_file import is_weights
 from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
-from drivers.interfaces import FINGERS
 from grasp.settings import is_path, load, read_toml
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.experiments import EXPERIMENTS
@@ -157,10 +156,10 @@ def _check_axes(spec: CampaignSpec) -> None:
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:
-    """Load each detector once, so that missing weights are found before anything runs."""
+    """Read each detector once, so that missing weights are found before anything runs."""
     for config in {config.detector_name: config for config in configs}.values():
         try:
-            config.make_detector(FINGERS)
+            _ = config.memory_s
         except (OSError, GraspError) as error:
             raise ConfigError(
                 "campaign", f"detector {config.detector_name!r}", str(error),
