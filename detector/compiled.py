@@ -51,7 +51,9 @@ def _tanh(x):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     fastmath={"contract", "reassoc"},
 )  # fmt: skip
 def execute(program, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201, PLR0912
-    """Execute a program on the memory ``m``."""
+    """Execute a program on the memory ``m``. A line of the program is an instruction: operator,
+    number and length of its rows, inner length of a product; then the place of the result and of
+    two operands, each with its step from row to row."""
     for i in range(program.shape[0]):
         op, rows, cols, inner = program[i, 0], program[i, 1], program[i, 2], program[i, 3]
         step = program[i, 9]
@@ -332,18 +334,15 @@ class _Translation:
 def _series(starts: NDArray[Any], lengths: NDArray[Any]) -> Iterator[tuple[int, int, NDArray[Any]]]:
     """Groups of rows of equal length that move by equal steps, from the ``starts`` (operands, rows)
     of all rows: the first row, the number of rows, and the steps."""
-    moves = np.diff(starts, axis=1)
-    first, n = 0, len(lengths)
-    while first < n:
-        after = first + 1
-        while (
-            after < n
-            and lengths[after] == lengths[first]
-            and (moves[:, after - 1] == moves[:, first]).all()
-        ):
-            after += 1
-        yield first, after - first, moves[:, first] if after > first + 1 else 0 * starts[:, first]
-        first = after
+    moves = np.diff(starts, axis=1, append=starts[:, -1:])
+    same_length = np.diff(lengths, append=-1) == 0
+    first = 0
+    while first < len(lengths):
+        last, steps = first, moves[:, first] if same_length[first] else 0 * starts[:, first]
+        while same_length[last] and (moves[:, last] == steps).all():
+            last += 1
+        yield first, last + 1 - first, steps
+        first = last + 1
 
 
 def _step(places: Places, axis: int) -> int:

@@ -58,10 +58,10 @@ class RuntimeNetwork:
         if "previous" in shapes:
             self._kept.append((self.inputs["previous"], self.inputs["counts"]))
         for name, array in self.inputs.items():
-            self._binding.bind_input(name, *_memory_of(array))
+            self._binding.bind_input(name, *_buffer(array))
         outputs = {f"next_{name}": array for name, array in nexts.items()}
         for name, array in (outputs | {"probability": self.probability}).items():
-            self._binding.bind_output(name, *_memory_of(array))
+            self._binding.bind_output(name, *_buffer(array))
 
     def run(self) -> None:
         self._session.run_with_iobinding(self._binding)
@@ -69,7 +69,7 @@ class RuntimeNetwork:
             array[:] = after
 
 
-def _memory_of(array: Float32s) -> tuple[Any, ...]:
+def _buffer(array: Float32s) -> tuple[Any, ...]:
     return "cpu", 0, np.float32, array.shape, array.ctypes.data
 
 

@@ -92,7 +92,6 @@ class Deadlines:
 
     def skip_missed(self, now_ns: int) -> None:
         """Skip the deadlines between the last one and now."""
-        passed = (now_ns - self.last_ns) // self._period_ns
-        if passed > 0:
-            self.missed += passed
-            self.last_ns += passed * self._period_ns
+        passed = max((now_ns - self.last_ns) // self._period_ns, 0)
+        self.missed += passed
+        self.last_ns += passed * self._period_ns

@@ -19,6 +19,7 @@ from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
 from scenarios.campaign.config import load_config
+from scenarios.campaign.spec import SET_DOWN_EVERY
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
@@ -28,7 +29,6 @@ from scenarios.world.objects import GraspObject
 from studies.runner import PAPER_OBJECTS, Study, markdown
 
 LIFTS = 20_000
-SET_DOWN_EVERY = 10
 SHAPES = ("straight", "ellipsoid")
 TRIAL = 17  # keeps these random numbers apart from those of the world with the same seed
 # Ranges, uniform; assumed unless the settings state a source. Mass and tip mass are log-uniform.

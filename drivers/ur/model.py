@@ -295,22 +295,6 @@ class ArmModel:
             angle_rad, spin_radps, self._scaling.slider,
         )  # fmt: skip
 
-    def position(self, t_ns: int) -> Vector3:
-        return self.at(t_ns).position_m
-
-    def velocity(self, t_ns: int) -> Vector3:
-        return self.at(t_ns).velocity_mps
-
-    def angle(self, t_ns: int) -> float:
-        """Rotation of the tool about its own axis since the start, rad."""
-        return self.at(t_ns).angle_rad
-
-    def spin(self, t_ns: int) -> float:
-        return self.at(t_ns).spin_radps
-
-    def moving(self, t_ns: int) -> bool:
-        return self.at(t_ns).moving
-
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         self._read_ns = max(self._read_ns, now_ns)

@@ -146,14 +146,8 @@ class FingertipHistory:
 
 def taxels_at_rail(frame: TactileFrame) -> list[int]:
     """Number of each finger's taxels with a code at an end of the range."""
-    counts = []
-    for codes in frame.raw.tolist():
-        count = 0
-        for code in codes:
-            if code not in INNER_CODES:
-                count += 1
-        counts.append(count)
-    return counts
+    inner = INNER_CODES.__contains__
+    return [len(codes) - sum(map(inner, codes)) for codes in frame.raw.tolist()]
 
 
 def _names(fingers: Iterable[bool]) -> str:

@@ -179,7 +179,7 @@ class EmulatedCell:
     def _motion(self, request: Request) -> Request:
         """True speeds of the arm and of the fastest finger, m/s."""
         fingers = () if self._hand is None else self._hand.gripper.velocity_mps
-        arm_mps = math.hypot(*self.cell.arm.velocity(self._last_ns))
+        arm_mps = math.hypot(*self.cell.arm.at(self._last_ns).velocity_mps)
         fingers_mps = float(max((abs(v) for v in fingers), default=0.0))
         return {"arm_mps": arm_mps, "fingers_mps": fingers_mps}
 
@@ -213,7 +213,8 @@ class EmulatedCell:
     def _home(self, request: Request) -> Request:
         """Request the arm's motion to its start pose; returns the remaining distance."""
         now_ns, arm, motion = time.monotonic_ns(), self.cell.arm, self.arm.controller.motion
-        away_m = math.dist(arm.position(now_ns), self._home_m)
+        here = arm.at(now_ns)
+        away_m = math.dist(here.position_m, self._home_m)
         if arm.protective_stop:
             return {"error": "the arm is stopped by its safety system; 5 s after a protective "
                     f"stop, send 'unlock protective stop' to its dashboard, {self.host} port 29999",
@@ -221,7 +222,7 @@ class EmulatedCell:
         if arm.speed_scaling(now_ns) == 0.0:
             return {"error": "the arm's speed slider is at 0 %: first set it with 'fault "
                     "speed_slider fraction=1'"}  # fmt: skip
-        moving = motion.moving or arm.moving(now_ns)
+        moving = motion.moving or here.moving
         self._home_requested = (away_m > 0.0 or motion.turned_rad > 0.0) and not moving
         return {"away_m": away_m, "turned_rad": motion.turned_rad}
 

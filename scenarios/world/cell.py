@@ -94,7 +94,7 @@ class SimulatedCell:
         self.board = BoardModel(settings.board, self._latch)
         self._start_ns = self._now_ns = start_ns
         self._table_m: float | None = None  # arm height with the pads at the first object's mark
-        self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
+        self._arm_height_m, self._arm_rise_mps = self.arm.at(start_ns).position_m[2], 0.0
         self.load(settings, rng)
 
     def load(self, settings: CellSettings, rng: np.random.Generator) -> None:

@@ -54,7 +54,7 @@ class RobotMotion:
         self._speed: tuple[Vector3, float, float] | None = None
         self._rest_since_ns = now_ns
         with lock:
-            self._rest_position: Vector3 = arm.position(now_ns)
+            self._rest_position: Vector3 = arm.at(now_ns).position_m
         self._now_ns = now_ns
         self.moving = False
         self.angular_velocity: Vector3 = (0.0, 0.0, 0.0)

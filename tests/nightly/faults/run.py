@@ -183,7 +183,7 @@ class Observer:
             self.slid_m += abs(truth.slip_distance_m - last.slip_distance_m)
 
     def _follow_arm(self, t_ns: int) -> None:
-        here_m = self._cell.arm.position(t_ns)
+        here_m = self._cell.arm.at(t_ns).position_m
         if self.safe_ns is None or self._at_m is None:
             self.safe_ns, self._at_m = t_ns, here_m
         self.safe_way_m += math.dist(self._at_m, here_m)
@@ -193,7 +193,7 @@ class Observer:
 
 
 def speed(cell: SimulatedCell, t_ns: int) -> float:
-    return float(np.linalg.norm(cell.arm.velocity(t_ns)))
+    return float(np.linalg.norm(cell.arm.at(t_ns).velocity_mps))
 
 
 class Moment:

@@ -41,7 +41,7 @@ def test_a_drive_that_is_not_renewed_is_stopped(driver: ArmDriver, model: ArmMod
     driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
     for t in range(10, 110, 10):
         driver.poll(t * MS)
-    assert model.velocity(109 * MS) == pytest.approx((0.02, 0.0, 0.0))
+    assert model.at(109 * MS).velocity_mps == pytest.approx((0.02, 0.0, 0.0))
     for t in range(110, 800, 10):
         driver.poll(t * MS)
     assert driver.state is not None
@@ -61,7 +61,7 @@ def test_a_drive_outside_a_limit_is_refused_by_key_and_nothing_moves(driver, mod
     ]:
         with pytest.raises(Refused, match=key):
             driver.drive(velocity, spin, acceleration)
-        assert not model.moving(1_000 * MS), (velocity, spin, acceleration, key)
+        assert not model.at(1_000 * MS).moving, (velocity, spin, acceleration, key)
 
 
 def test_no_drive_before_the_first_sample(model: ArmModel) -> None:

@@ -42,7 +42,7 @@ def trapezoid(distance: float, v: float, a: float, t: float) -> float:
 
 
 def settle(model: ArmModel) -> tuple[float, float, float]:
-    return model.position(10**13)
+    return model.at(10**13).position_m
 
 
 @given(targets, speeds, accelerations, instants)
@@ -51,11 +51,11 @@ def test_a_move_from_rest_is_the_textbook_trapezoid_and_ends_exactly_at_its_targ
 ):
     model = arm()
     assert model.move_l(target, speed, acceleration, 0)
-    travelled = math.dist(model.position(t_ns), START)
+    travelled = math.dist(model.at(t_ns).position_m, START)
     expected = trapezoid(math.dist(START, target), speed, acceleration, t_ns * 1e-9)
     assert travelled == pytest.approx(expected, abs=1e-8)
     assert settle(model) == target
-    assert model.velocity(10**13) == (0.0, 0.0, 0.0)
+    assert model.at(10**13).velocity_mps == (0.0, 0.0, 0.0)
 
 
 @given(targets, speeds, accelerations, instants, accelerations)
@@ -65,7 +65,7 @@ def test_stopping_distance_is_v_squared_over_2a_along_the_line(
     model = arm()
     model.move_l(target, speed, acceleration, 0)
     effect_ns = -(-stop_ns // CYCLE_NS) * CYCLE_NS
-    at_m, v = model.position(effect_ns), math.hypot(*model.velocity(effect_ns))
+    at_m, v = model.at(effect_ns).position_m, math.hypot(*model.at(effect_ns).velocity_mps)
     model.stop_l(deceleration, stop_ns)
     rest_m = settle(model)
     assert math.dist(at_m, rest_m) == pytest.approx(v * v / (2 * deceleration), abs=1e-8)
@@ -111,18 +111,18 @@ def test_position_and_velocity_are_continuous_under_any_commands(commands, t_ns,
     model = arm()
     _, v, a = execute(model, commands)
     dt = dt_ns * 1e-9
-    before, after = model.position(t_ns), model.position(t_ns + dt_ns)
+    before, after = model.at(t_ns).position_m, model.at(t_ns + dt_ns).position_m
     assert math.dist(before, after) <= v * dt + 1e-8
-    assert math.hypot(*model.velocity(t_ns)) <= v + 1e-8
-    change = math.dist(model.velocity(t_ns), model.velocity(t_ns + dt_ns))
+    assert math.hypot(*model.at(t_ns).velocity_mps) <= v + 1e-8
+    change = math.dist(model.at(t_ns).velocity_mps, model.at(t_ns + dt_ns).velocity_mps)
     assert change <= a * dt + 1e-7
 
 
 def test_a_command_takes_effect_at_the_first_cycle_after_its_latency():
     model = arm(0.002)
     model.move_l(above(0.1), 0.1, 0.5, 7 * MS)
-    assert model.position(16 * MS) == START
-    assert model.position(17 * MS)[2] > START[2]
+    assert model.at(16 * MS).position_m == START
+    assert model.at(17 * MS).position_m[2] > START[2]
 
 
 def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
@@ -130,7 +130,7 @@ def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
     model.move_l(above(0.2), 0.2, 1.0, 0)
     model.trip(400 * MS)
     stopped = settle(model)
-    assert stopped[2] - model.position(400 * MS)[2] == pytest.approx(0.2**2 / (2 * 8.0))
+    assert stopped[2] - model.at(400 * MS).position_m[2] == pytest.approx(0.2**2 / (2 * 8.0))
     assert not model.move_l(above(0.2), 0.2, 1.0, 600 * MS)
     assert settle(model) == stopped
     assert model.read(600 * MS).protective_stop
@@ -148,12 +148,12 @@ def test_the_tool_angle_is_the_integral_of_its_spin(first, second, acceleration,
     model.speed_l((0.0, 0.0, 0.0), first, acceleration, 0)
     model.speed_l((0.0, 0.0, 0.0), second, acceleration, change_ns)
     dt_ns = MS
-    turned = model.angle(t_ns + dt_ns) - model.angle(t_ns)
-    mean = 0.5 * (model.spin(t_ns) + model.spin(t_ns + dt_ns))
+    turned = model.at(t_ns + dt_ns).angle_rad - model.at(t_ns).angle_rad
+    mean = 0.5 * (model.at(t_ns).spin_radps + model.at(t_ns + dt_ns).spin_radps)
     assert turned == pytest.approx(mean * 1e-3, abs=acceleration * 1e-6)
-    change = abs(model.spin(t_ns + dt_ns) - model.spin(t_ns))
+    change = abs(model.at(t_ns + dt_ns).spin_radps - model.at(t_ns).spin_radps)
     assert change <= acceleration * 1e-3 + 1e-7
-    assert model.position(t_ns) == START
+    assert model.at(t_ns).position_m == START
 
 
 @pytest.mark.parametrize("verb", ["stop", "move"])
@@ -165,7 +165,7 @@ def test_a_stop_and_a_move_end_a_drive_and_its_spin(verb):
     else:
         model.move_l(START, 0.1, 1.0, 2_000 * MS)
     settle(model)
-    assert model.spin(60_000 * MS) == 0.0
+    assert model.at(60_000 * MS).spin_radps == 0.0
     sample = model.read(60_000 * MS)
     assert not sample.moving
     assert sample.angle_rad == pytest.approx(2.0, abs=0.01)  # 0.5 s up, 1.5 s, 1 s down

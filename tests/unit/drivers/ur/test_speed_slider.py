@@ -35,13 +35,13 @@ def with_slider_commands(model: ArmModel, commands: list[tuple[int, float]]) -> 
 
 def test_arm_is_at_rest_while_the_slider_is_at_zero_and_then_continues() -> None:
     model = with_slider_commands(rising(arm()), [(500, 0.0)])
-    assert not model.moving(2_000 * MS)
-    assert model.velocity(2_000 * MS) == (0.0, 0.0, 0.0)
-    assert model.position(2_000 * MS) == model.position(9_000 * MS)
-    assert START[2] < model.position(9_000 * MS)[2] < ABOVE[2]
+    assert not model.at(2_000 * MS).moving
+    assert model.at(2_000 * MS).velocity_mps == (0.0, 0.0, 0.0)
+    assert model.at(2_000 * MS).position_m == model.at(9_000 * MS).position_m
+    assert START[2] < model.at(9_000 * MS).position_m[2] < ABOVE[2]
     model.set_speed_slider(1.0, 9_000 * MS)
-    assert model.moving(9_100 * MS)
-    assert model.position(20_000 * MS) == ABOVE
+    assert model.at(9_100 * MS).moving
+    assert model.at(20_000 * MS).position_m == ABOVE
 
 
 @given(slider_commands)
@@ -54,10 +54,10 @@ def test_slider_changes_never_make_the_arm_jump_or_reverse_and_it_arrives(comman
             at_ms, fraction = waiting.pop(0)
             model.set_speed_slider(fraction, at_ms * MS)
         before, was = z, speed
-        z, speed = model.position(t_ms * MS)[2], model.velocity(t_ms * MS)[2]
+        z, speed = model.at(t_ms * MS).position_m[2], model.at(t_ms * MS).velocity_mps[2]
         assert -1e-9 <= z - before <= SPEED * 0.004 + 1e-9
         assert abs(speed - was) <= RAMP * 0.004 + STEP * SPEED + 1e-9
-    assert model.position(10**12) == ABOVE
+    assert model.at(10**12).position_m == ABOVE
 
 
 @given(st.integers(0, 2_000), st.floats(0.0, 1.0))
@@ -65,7 +65,7 @@ def test_stop_uses_the_commanded_deceleration_at_any_slider_position(t_ms, fract
     model = rising(arm())
     model.set_speed_slider(fraction, t_ms * MS)
     effect_ns = -(-(t_ms + 300) // 8) * 8 * MS
-    at_m, speed = model.position(effect_ns)[2], model.velocity(effect_ns)[2]
+    at_m, speed = model.at(effect_ns).position_m[2], model.at(effect_ns).velocity_mps[2]
     model.stop_l(1.0, (t_ms + 300) * MS)
-    braking_m = model.position(10**12)[2] - at_m
+    braking_m = model.at(10**12).position_m[2] - at_m
     assert braking_m == pytest.approx(speed**2 / 2.0, abs=1e-8)

@@ -11,7 +11,7 @@ SLOW = {
     "asyncio", "importlib.metadata", "jinja2", "mcap", "numba", "onnxruntime", "pymodbus", "rich",
     "serial", "sqlite3", "ssl", "usb", "websockets",
 }  # fmt: skip
-RUN = {"importlib.metadata", "mcap", "numba", "onnxruntime", "sqlite3"}  # used by a simulated run
+RUN = {"importlib.metadata", "mcap", "numba", "sqlite3"}  # used by a simulated run
 PROGRAM = """
 import sys
 from grasp.cli.main import main

@@ -95,7 +95,7 @@ def test_the_arm_stops_when_the_fingertips_fall_silent() -> None:
             made.run(10_000)
         rig.clock.sleep_until_ns(rig.clock.now_ns + 1_000_000_000)
         assert rig.cell is not None
-        assert not rig.cell.arm.moving(rig.clock.now_ns)
+        assert not rig.cell.arm.at(rig.clock.now_ns).moving
 
 
 def test_hardware_needs_a_calibration() -> None:

@@ -217,7 +217,7 @@ def reverse_arm(rig: Rig) -> None:
 def push_arm(rig: Rig) -> None:
     """The arm moves without a command."""
     arm, now_ns = cell(rig).arm, rig.clock.now_ns
-    x, y, z = arm.position(now_ns)
+    x, y, z = arm.at(now_ns).position_m
     arm.move_l((x + 0.1, y, z), 0.1, 0.5, now_ns)
 
 

@@ -60,7 +60,7 @@ def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
     rig = staged.rig
     rig.clock.sleep_until_ns(rig.clock.now_ns + 2_000_000_000)
     assert thumb_n(staged) > 8.0
-    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+    assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
 
 
 def test_interrupting_before_contact_stops_the_fingers() -> None:

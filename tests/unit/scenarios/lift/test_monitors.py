@@ -65,7 +65,7 @@ def in_safe_state(staged: Staged, trial: FinishedTrial, name: str, case: object 
     after = issued_since(staged, staged.ticks[fault_at(staged)].t_ns)
     assert not any(isinstance(c, MoveArm) for c in after), case
     rig = staged.rig
-    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0), case
+    assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0), case
     assert max(fault.cell(rig).truth().peak_n) < 11.0, case
 
 
@@ -214,7 +214,7 @@ def test_later_fault_in_a_safe_state_is_reported_and_moves_neither_hand_nor_arm(
         commands = issued_since(staged, injected[0])
         assert not any(isinstance(c, MoveArm | MoveFingers | OpenFingers) for c in commands), name
         cell = fault.cell(staged.rig)
-        assert cell.arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0), name
+        assert cell.arm.at(staged.rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0), name
         failure = trial.failure(staged.config)
         assert failure is not None and failure.end is not None
         unknown = failure.end.where.endswith("at an unknown height")

@@ -36,7 +36,7 @@ def test_stop_is_repeated_until_the_arm_is_stationary(phase: State) -> None:
         sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
         assert len(sent) > lost
         rig = staged.rig
-        assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+        assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("end", [fault.silence_fingertips, fault.interrupt])
@@ -53,7 +53,7 @@ def test_stop_is_repeated_for_an_arm_that_always_reports_to_be_stationary(end: f
         staged = Staged()
         trial = staged.run(in_phase(phase, 20), act)
         rig = staged.rig
-        assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+        assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
         assert any(found.code == "arm_wrong_way" for found in trial.controller.later_faults)
         left = trial.end(staged.config)
         assert left is not None

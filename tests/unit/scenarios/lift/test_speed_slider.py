@@ -41,7 +41,7 @@ def test_lift_ends_in_the_safe_state_below_one_half(phase: State) -> None:
         assert f"speed slider is at {100 * fraction:g} %" in trial.controller.fault_cause
         assert not trial.controller.unconfirmed
         assert staged.done_at_ns is not None and staged.ticks[-1].t_ns - staged.done_at_ns < 1e9
-        assert cell(staged.rig).arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0)
+        assert cell(staged.rig).arm.at(staged.rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
         assert trial.final is not None
         if phase is State.LIFT:
             assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3

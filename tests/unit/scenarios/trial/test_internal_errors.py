@@ -86,7 +86,7 @@ def test_unexpected_exception_leaves_a_stationary_arm_and_a_closed_hand(
     if place != "guard":  # without it nothing may close
         assert result.end.unconfirmed == ()
     truth = cell.truth()
-    assert cell.arm.velocity(truth.t_ns) == (0.0, 0.0, 0.0)
+    assert cell.arm.at(truth.t_ns).velocity_mps == (0.0, 0.0, 0.0)
     assert max(truth.peak_n) < 11.0
     if phase in AIRBORNE_STATES and place != "guard":  # without it nothing may close
         assert truth.normal_n[0] > 8.0

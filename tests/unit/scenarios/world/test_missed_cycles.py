@@ -26,7 +26,7 @@ class World:
         cell = any_cell(load_for_devices("can", "emulated", None, ()), 0)
         assert isinstance(cell, SimulatedCell)
         self.cell, self.now_ns = cell, 0
-        x, y, z = cell.arm.position(0)
+        x, y, z = cell.arm.at(0).position_m
         settings = EmulatorSettings(host="127.0.0.2", start_m=(x, y, z))
         self.motion = RobotMotion(CYCLE_NS * 1e-9, cell.arm, nullcontext(), 0)
         self.controller = Controller(settings, self.motion, 0)
@@ -37,7 +37,7 @@ class World:
         """Advance the world and record the arm's position every millisecond."""
         for t_ns in range(self.cell.truth().t_ns + MS, until_ns + 1, MS):
             self.cell.advance(t_ns)
-            self.observed.append((t_ns, self.cell.arm.position(t_ns)))
+            self.observed.append((t_ns, self.cell.arm.at(t_ns).position_m))
 
     def cycle(self) -> None:
         self.now_ns += CYCLE_NS
