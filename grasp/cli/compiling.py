@@ -14,9 +14,8 @@ from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.session import pressed_gain
 from scenarios.campaign.config import load_config
 from scenarios.campaign.experiments import EXPERIMENTS
-from scenarios.rigs.compilation import count_compilation
+from scenarios.rigs.compilation import COMPILING, count_compilation
 
-DOING = "compiling the simulation (once)"
 EVERY_S = 5.0
 
 
@@ -32,7 +31,7 @@ def compile_simulation() -> None:
 
 
 def main() -> None:
-    with progress(DOING, every_s=EVERY_S) as report, count_compilation(report):
+    with progress(COMPILING, every_s=EVERY_S) as report, count_compilation(report):
         compile_simulation()
 
 
