@@ -173,14 +173,19 @@ GROUPS: dict[str, tuple[Callable[[Row], bool], Callable[[Row], bool]]] = {
 }  # what is counted, and among which lifts
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Rates with intervals, all outcomes, and the causes of drops that the limit could hold."""
-    rates = []
+def rates(rows: Sequence[Row]) -> list[tuple[str, int, int, float, float]]:
+    """Of each group: name, lifts counted, of how many lifts, and the interval of their rate."""
+    found = []
     for name, (counts, among) in GROUPS.items():
         group = [row for row in rows if among(row)]
         hits = sum(map(counts, group))
-        low, high = clopper_pearson(hits, len(group)) if group else (0.0, 1.0)
-        rates.append((name, hits, len(group), f"{100 * low:.3f}-{100 * high:.3f}"))
+        found.append((name, hits, len(group), *clopper_pearson(hits, len(group))))
+    return found
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Rates with intervals, all outcomes, and the causes of drops that the limit could hold."""
+    rated = [(*counted, f"{100 * low:.3f}-{100 * high:.3f}") for *counted, low, high in rates(rows)]
     outcomes = Counter((row.holdable, row.outcome) for row in rows).most_common()
     causes = Counter(
         (row.outcome, row.cause) for row in rows if row.lost and row.holdable
@@ -190,7 +195,7 @@ def table(rows: Sequence[Row]) -> str:
     return "\n\n".join(
         markdown(dict(zip(names, zip(*lines, strict=True), strict=True)))
         for names, lines in (
-            (("rate", "lifts", "of", "95 % interval, %"), rates),
+            (("rate", "lifts", "of", "95 % interval, %"), rated),
             (("holdable", "outcome", "lifts"), kinds),
             (("outcome of a holdable drop", "last phase ended because", "lifts"), drops),
         ) if lines

@@ -239,14 +239,9 @@ def contact(run: Run) -> Made:
 def drops(run: Run) -> Made:
     """Drops and excess forces of lifts over random objects and hands, with exact intervals."""
     lifts, rows = run.study("drop_rate"), []
-    for name, (counts, among) in drop_rate.GROUPS.items():
-        group = [row for row in lifts if among(row)]
-        hits = sum(map(counts, group))
-        low, high = drop_rate.clopper_pearson(hits, len(group))
-        rows += [Row(name, "lifts counted", hits, n=len(group)),
-                 Row(name, "of lifts", len(group)),
-                 Row(name, "rate, 0.01 %", 1e4 * hits / len(group), 1e4 * low, 1e4 * high,
-                     len(group))]  # fmt: skip
+    for name, hits, of, low, high in drop_rate.rates(lifts):
+        rows += [Row(name, "lifts counted", hits, n=of), Row(name, "of lifts", of),
+                 Row(name, "rate, 0.01 %", 1e4 * hits / of, 1e4 * low, 1e4 * high, of)]  # fmt: skip
     holdable = Counter(row.outcome for row in lifts if row.holdable)
     others = Counter(row.outcome for row in lifts if not row.holdable)
     for outcome in holdable | others:

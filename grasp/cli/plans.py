@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from drivers.errors import DeviceFault, UsageError
-from drivers.interfaces import FINGER_NAMES
+from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.cli import exits
 from grasp.cli.lab import say
 from grasp.cli.output import show
@@ -25,8 +25,7 @@ def dry_run(config: Any, args: argparse.Namespace) -> int:
                          "leave out --out and --resume")  # fmt: skip
     check_devices(config)
     config = as_run(config, args)
-    make_guard(config)  # raises if the limit cannot be kept
-    config.make_detector(3)
+    config.make_detector(FINGERS)
     return _print_dry_run(plan(config, args), ask_devices(config, make_guard), args)
 
 
@@ -59,7 +58,8 @@ def dry_code(failed: list[Any]) -> int:
 
 
 def as_run(config: Any, args: argparse.Namespace) -> Any:
-    """The settings as the run uses them; raises ConfigError for settings that it would refuse."""
+    """The settings as the run uses them; raises ConfigError for settings that it would refuse, such
+    as a limit that cannot be kept."""
     if args.scenario == "tap":
         config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:

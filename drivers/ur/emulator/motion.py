@@ -232,7 +232,7 @@ class RobotMotion:
     def reset_rotation(self) -> None:
         """Reset the tool to its initial orientation, as an operator does at the pendant."""
         with self._lock:
-            self._angle_offset_rad = self._arm.angle(self._now_ns)
+            self._angle_offset_rad = self._arm.at(self._now_ns).angle_rad
         self._rotation = self._start_rotation = kinematics.forward(self._home)[:3, :3]
         q = kinematics.inverse(self.flange, self._home)
         self.q = self.q if q is None else nearest_turns(q, self._home)

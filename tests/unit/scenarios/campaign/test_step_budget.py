@@ -27,7 +27,7 @@ BUDGETS = {"lift": Cost(702, 152), "tap": Cost(820, 158)}
 
 @contextmanager
 def counted(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Cost]]:
-    """Costs of the control loops that run meanwhile."""
+    """Costs of the control loops that run in the context."""
     costs: list[Cost] = []
     run = ControlLoop.run
 
