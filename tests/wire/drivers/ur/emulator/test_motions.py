@@ -96,6 +96,6 @@ def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does
     for _ in range(60):
         bench.cycles(1)
         places.append(bench.motion.position)
-        expected.append(virtual.position(bench.now_ns))
+        expected.append(virtual.at(bench.now_ns).position_m)
     assert places == expected
     assert len(set(places)) > 10 and places[-1] == (0.5, 0.1, 0.4)
