@@ -144,11 +144,13 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 
 def cheapest(rows: Iterable[Row], prefix: str, error_mm: float) -> Row | None:
-    """The cheapest row within that error. All smaller steps of its curve must be within it too,
-    which excludes accidental hits."""
+    """The cheapest row within that error, of the curves with that prefix; ``ONE_AXIS`` counts only
+    for itself. All smaller steps of its curve must be within the error too, which excludes
+    accidental hits."""
     curves: dict[str, list[Row]] = {}
     for row in rows:
-        if row.curve.startswith(prefix) and not row.curve.startswith("LuGre"):
+        other = row.curve.startswith("LuGre") or (row.curve == ONE_AXIS and prefix != ONE_AXIS)
+        if row.curve.startswith(prefix) and not other:
             curves.setdefault(row.curve, []).append(row)
     good = [
         row

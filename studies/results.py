@@ -209,8 +209,7 @@ def contact(run: Run) -> Made:
     for scene, error_mm in product(dict.fromkeys(p.scene for p in points), ERRORS_MM):
         here, item = [p for p in points if p.scene == scene], f"{scene}, {error_mm:g} mm"
         for curve, name in (("L", "levels"), ("MuJoCo", "MuJoCo"), (ONE_AXIS, "MuJoCo one axis")):
-            best = cheapest([p for p in here if (p.curve == ONE_AXIS) == (curve == ONE_AXIS)],
-                            curve, error_mm)  # fmt: skip
+            best = cheapest(here, curve, error_mm)
             cost_ms = math.inf if best is None else 1e-3 * best.cost_us
             if any(p.curve.startswith(curve) for p in here):
                 rows.append(Row(item, f"{name}: processor time at equal error, ms", cost_ms))

@@ -95,13 +95,8 @@ class Board:
         self._ticks = protocol.timer_ticks(conversion_ms)
         # a code is the pressure at about the middle of its conversion
         self._delay_ns = round(conversion_ms * 1e6 / 2)
-        self._layout: Layout | None = None  # None until the board has been opened
+        self._layout: Layout | None = None  # by the scan; None while the board is closed
         self.conversion_start_ns = 0  # when the last read, good or bad, completed
-
-    @property
-    def layout(self) -> Layout | None:
-        """Layout by the scan; None while the board is closed."""
-        return self._layout
 
     @property
     def next_sample_ns(self) -> int:
