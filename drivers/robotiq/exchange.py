@@ -155,10 +155,9 @@ class Exchange:
             status = self._read(now_ns)
             if status is None:
                 return None
-            if status is self._taken and self._status_current:
-                rewrite = False  # it confirms the last write again
-            else:
-                rewrite = self._update_confirmation(status, now_ns)
+            # an equal status confirms the last write again
+            known = status is self._taken and self._status_current
+            rewrite = not known and self._update_confirmation(status, now_ns)
             if rewrite and not self.lost and self._write_due(now_ns):
                 self._write(now_ns)
             elif False in self._stationary:
