@@ -78,7 +78,7 @@ def engine_of(loaded: LoadedNetwork, fingers: int) -> Engine:
     cache, or an operator that no packaged network has. A file that is not packaged is also compared
     with ONNX Runtime."""
     with suppress(Exception):
-        # compiled at import
+        # the first import compiles it
         from detector.compiled import CompiledNetwork  # noqa: PLC0415
 
         compiled = CompiledNetwork(loaded.content, loaded.inputs, fingers)

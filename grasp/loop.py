@@ -185,7 +185,7 @@ class ControlLoop:
         self._poll_tactile(now_ns)
         self._poll_gripper(now_ns)
         self._poll_arm(now_ns)
-        began_ns = clock.now_ns  # this and the next: ``now_ns`` in virtual time, so runs are equal
+        began_ns = clock.now_ns  # in virtual time this and ``decided_ns`` are ``now_ns``
         obs = self._observe(now_ns, self._late_ns + began_ns - now_ns)
         start_ns = stopwatch_ns()
         result = self._step.decide(obs)

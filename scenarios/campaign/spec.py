@@ -106,11 +106,8 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
-        settings = [
-            IN_THE_AIR,
-            *spec.settings,
-            *(f"{key}={_literal(x)}" for key, x in swept.items()),
-        ]
+        settings = [IN_THE_AIR, *spec.settings]
+        settings += [f"{key}={_literal(x)}" for key, x in swept.items()]
         base = _load(name, detector, files, settings, profile, swept)
         if sources.setdefault(base.object.name, name) != name:
             both = f"{sources[base.object.name]} and {name} are both named {base.object.name!r}"

@@ -40,8 +40,8 @@ from scenarios.world.settings import Level, level_named
 
 
 class LinkWrappers(msgspec.Struct, frozen=True):
-    """Wrappers around the links between the drivers and the device models, for tests. Without one
-    the fingertips' frames are not encoded into bytes."""
+    """Wrappers around the links between the drivers and the device models, for tests. Without
+    ``fingertips``, tactile frames pass as codes, not as bytes."""
 
     gripper: Callable[[RegisterTransport], RegisterTransport] = lambda transport: transport
     arm: Callable[[ArmModel], ArmLink] = lambda model: model

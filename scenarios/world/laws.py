@@ -635,7 +635,7 @@ def advance(
     h = dt_s / steps
     mean = finger_rise_m / dt_s
     travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.empty(4)
-    impact[:] = 0.0
+    impact[:] = 0.0  # np.zeros takes longer to compile
     work, small = np.empty((e.shape[0], 8)), np.empty((9, 3))
     for j in range(steps):
         middle = (j + 0.5) / steps
