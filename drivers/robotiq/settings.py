@@ -1,5 +1,4 @@
-"""Settings of the gripper driver and of its connection. "manual": Robotiq 3-Finger manual, 2014 or
-2018."""
+"""Settings of the gripper driver and of its connection."""
 
 from typing import Annotated, Literal
 
