@@ -15,6 +15,7 @@ from functools import cache
 import msgspec
 import numpy as np
 
+from drivers.robotiq.model.hand import HandSettings
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
@@ -38,6 +39,7 @@ WIDTH_ERROR_M = (-0.0001, 0.0006)  # a side; a narrower object is not touched by
 ASIDE_M, SCATTER_M = (0.0, 0.006), (0.0, 0.00016)  # standard deviations in one lift
 LATENCY_S, DEBOUNCE_S, TIP_KG = (0.01, 0.08), (0.01, 0.06), (0.05, 0.4)
 REFRESH_HZ = (100, 200)
+SMOOTH_UM = 100.0  # slip on smoother surfaces causes little vibration
 LOST = (LiftOutcome.DROPPED, LiftOutcome.EXPELLED)
 
 
@@ -62,10 +64,16 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     peak_n: float
     limit_n: float
     bound_n: float  # force limit plus the overshoot that the guard allows
+    texture_um: float  # rms
+    tip_kg: float  # moving mass of a finger
 
     @property
     def lost(self) -> bool:
         return self.outcome in LOST
+
+    @property
+    def smooth(self) -> bool:
+        return self.texture_um < SMOOTH_UM
 
     @property
     def holdable(self) -> bool:
@@ -127,6 +135,7 @@ def trial(task: Task) -> Row:
         slip_mm=None if slip_m is None else 1e3 * slip_m,
         peak_n=max(result.peak_force_n.values()), limit_n=limit_n,
         bound_n=limit_n + config.guard.overshoot_n,
+        texture_um=1e6 * body.texture_rms_m, tip_kg=config.hand.tip_mass_kg,
     )  # fmt: skip
 
 
@@ -165,12 +174,21 @@ def clopper_pearson(k: int, n: int) -> tuple[float, float]:
     return least, most
 
 
-GROUPS: dict[str, tuple[Callable[[Row], bool], Callable[[Row], bool]]] = {
+Test = Callable[[Row], bool]
+GROUPS: dict[str, tuple[Test, Test]] = {
     "dropped, of all": (lambda r: r.lost, lambda r: True),
     "dropped, of holdable": (lambda r: r.lost, lambda r: r.holdable),
     "dropped, of holdable and set down": (lambda r: r.lost, lambda r: r.holdable and r.set_down),
+    "slid out, of holdable and smooth (texture below 0.1 mm rms)": (
+        lambda r: r.outcome == LiftOutcome.DROPPED, lambda r: r.holdable and r.smooth),
+    "slid out, of holdable and rougher": (
+        lambda r: r.outcome == LiftOutcome.DROPPED, lambda r: r.holdable and not r.smooth),
+    "squeezed out past the widest point, of holdable": (
+        lambda r: r.outcome == LiftOutcome.EXPELLED, lambda r: r.holdable),
     "true force above limit plus overshoot": (lambda r: r.peak_n > r.bound_n, lambda r: True),
-}  # what is counted, and among which lifts
+    "the same, tip mass up to the assumed one": (
+        lambda r: r.peak_n > r.bound_n, lambda r: r.tip_kg <= HandSettings().tip_mass_kg),
+}  # what is counted, and among which lifts  # fmt: skip
 
 
 def rates(rows: Sequence[Row]) -> list[tuple[str, int, int, float, float]]:
@@ -179,7 +197,8 @@ def rates(rows: Sequence[Row]) -> list[tuple[str, int, int, float, float]]:
     for name, (counts, among) in GROUPS.items():
         group = [row for row in rows if among(row)]
         hits = sum(map(counts, group))
-        found.append((name, hits, len(group), *clopper_pearson(hits, len(group))))
+        ends = clopper_pearson(hits, len(group)) if group else (0.0, 1.0)
+        found.append((name, hits, len(group), *ends))
     return found
 
 

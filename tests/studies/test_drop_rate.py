@@ -9,7 +9,7 @@ from studies.drop_rate import Row, Task, clopper_pearson, sampled, table
 def row(outcome: str, least_n: float, peak_n: float = 9.0, set_down: bool = False) -> Row:
     return Row(seed=0, object="can", set_down=set_down, outcome=outcome, cause="contact lost",
                least_n=least_n, slip_mm=None, peak_n=peak_n, limit_n=10.0,
-               bound_n=11.0)  # fmt: skip
+               bound_n=11.0, texture_um=50.0, tip_kg=0.2)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,8 @@ def test_drops_that_the_force_limit_could_hold_are_counted_by_cause() -> None:
     rows = [row("dropped", 4.0), row("dropped", 12.0), row("held", 4.0, peak_n=11.5)]
     text = table(rows)
     assert "| dropped, of all | 2 | 3 |" in text and "| dropped, of holdable | 1 | 2 |" in text
+    assert "| slid out, of holdable and smooth (texture below 0.1 mm rms) | 1 | 2 |" in text
+    assert "| the same, tip mass up to the assumed one | 0 | 0 |" in text
     assert "| true force above limit plus overshoot | 1 | 3 |" in text
     assert "| dropped | contact lost | 1 |" in text
 
