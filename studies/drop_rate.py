@@ -141,8 +141,9 @@ def trial(task: Task) -> Row:
 
 def options(parser: Parser) -> None:
     parser.add_argument("--lifts", type=whole(1, 10**7), default=LIFTS, metavar="N",
-                        help="(default: %(default)s)")  # fmt: skip
-    parser.add_argument("--first-seed", type=whole(0, 10**9), default=0, metavar="N")
+                        help="number of lifts (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--first-seed", type=whole(0, 10**9), default=0, metavar="N",
+                        help="seed of the first lift; the others follow (default: 0)")  # fmt: skip
     parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
 
 

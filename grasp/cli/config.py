@@ -62,7 +62,8 @@ def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
     if "rig" in keys:
         return f"a rig for --rig, opened as {load_for_devices('can', word).rig}"
     if keys & {"objects", "scenarios"} and keys <= set(CampaignSpec.__struct_fields__):
-        return f"a campaign of {len(combinations(read_spec(path)))} combinations"
+        number = len(combinations(read_spec(path)))
+        return f"a campaign of {number} combination{'s' if number != 1 else ''}"
     if keys & {"rows", "causes"} and keys <= set(DatasetConfig.__struct_fields__):
         return f"a data set of {len(plan(load_dataset_config(path)))} recordings"
     acquiring = keys & set(AcquireConfig.__struct_fields__)

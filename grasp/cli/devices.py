@@ -150,7 +150,7 @@ def release(args: argparse.Namespace) -> int:
         seen = preflight.read_hand(config)
         if not seen.state.active:
             if not args.activate:
-                raise not_active_error(seen.state, "run the same command with --activate")
+                raise not_active_error(seen.state, "the same command with --activate")
             return f"activate the hand: {ALL}, then open it"
         lab.warn_of_mode(config, opened=True)
         return _motion(settings_to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
