@@ -5,6 +5,8 @@
 It runs a lift, a tap, a pressed fingertip and every detector; numba keeps what these compile.
 """
 
+import sys
+
 import numpy as np
 
 from detector.interface import DETECTORS
@@ -36,4 +38,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit(130)  # what is compiled is kept

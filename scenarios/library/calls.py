@@ -156,6 +156,8 @@ def campaign(
     campaign_spec = read_spec(file_of("campaigns", str(spec)))
     workers = Workers(len(os.sched_getaffinity(0)) if jobs is None else jobs)
     with tempfile.TemporaryDirectory(prefix="grasp-library-") as folder:
+        if out is None:  # nothing but the rows is kept
+            campaign_spec = msgspec.structs.replace(campaign_spec, recordings="none")
         file = Path(folder) / "campaign.sqlite" if out is None else Path(out)
         campaign_runner.run(campaign_spec, file, workers, resume)
         with CampaignStore.open(file) as store:
