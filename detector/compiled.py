@@ -184,6 +184,12 @@ class _Translation:
         self._constants[int(places.flat[0])] = np.asarray(values, np.float32)
         return places
 
+    def _check(self, places: Places) -> None:
+        """Raise ValueError for integers of the graph that are no places: the program reads memory
+        without a check."""
+        if places.min() < 0 or places.max() >= self._size:
+            raise ValueError("an operation with integers")
+
     def _value(self, places: Places) -> Float32s:
         """Values of a constant. Raises KeyError for any other tensor."""
         return self._constants[int(places.flat[0])]
@@ -207,6 +213,7 @@ class _Translation:
             both = zip(operands, repeated, strict=True)
             operands = tuple(self.elementwise(COPY, x) if again else x for x, again in both)
         flat = np.stack([each.transpose(order).ravel() for each in (out, *operands)])
+        self._check(flat)
         expected = [[1], [0 if op == FILL else 1]] + [[1]] * (len(flat) - 2)
         jumps = (np.diff(flat, axis=1) != expected).any(axis=0)
         first = np.concatenate([[0], np.flatnonzero(jumps) + 1])
@@ -234,6 +241,7 @@ class _Translation:
 
     def _add_product(self, out: Places, x: Places, weights: Float32s) -> None:
         """``out`` (n, m) += x (n, k) times weights (k, m)."""
+        self._check(x)
         if len(out) > 1 and (np.diff(out, axis=0) == 1).all() and (np.diff(x, axis=0) == 1).all():
             # both by channel: rows of the transposed weights times the matrix of all samples
             w = int(self.constant(weights.T).flat[0])
