@@ -5,6 +5,8 @@
 It runs a lift, a tap, a pressed fingertip and every detector; numba keeps what these compile.
 """
 
+import os
+
 import numpy as np
 
 from detector.interface import DETECTORS
@@ -32,6 +34,7 @@ def compile_simulation() -> None:
 
 
 def main() -> None:
+    os.environ.pop("GRASP_CONFIG", None)  # not every detector reads the user's settings
     with progress(DOING, every_s=EVERY_S) as report, count_compilation(report):
         compile_simulation()
 
