@@ -23,6 +23,7 @@ Places = NDArray[np.int64]
 
 COPY, FILL, ADD, SUB, MUL, DIV, MAX, TANH, SIGMOID, SELU, SQRT, ASINH, PRODUCT = range(13)
 ALIGNED = 16  # numbers: a cache line
+MOST_NUMBERS = 500_000  # in the memory; with more, ONNX Runtime is two to ten times as fast
 F, U = np.float32, np.uintp  # a literal would make numba compute with other types
 SELU_SCALE, SELU_ALPHA = F(1.0507009873554805), F(1.6732632423543772)
 
@@ -177,6 +178,8 @@ class _Translation:
             return np.swapaxes(self._new((*shape[:-2], shape[-1], shape[-2])), -1, -2)
         first = -(-self._size // ALIGNED) * ALIGNED
         self._size = first + prod(shape)
+        if self._size > MOST_NUMBERS:
+            raise ValueError("a large network")
         return np.arange(first, self._size).reshape(shape)
 
     def constant(self, values: Any) -> Places:

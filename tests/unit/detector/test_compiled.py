@@ -69,3 +69,9 @@ def test_file_that_computes_with_integers(tmp_path: Path) -> None:
     whole.graph.node.insert(0, onnx.helper.make_node("Add", ["many", "many"], ["more"]))
     onnx.save(whole, path)
     assert isinstance(engine_of(read_network(path), 3), RuntimeNetwork)
+
+
+def test_large_network_runs_in_onnx_runtime() -> None:
+    loaded = read_network(weights_path("tcn-paper"))
+    assert isinstance(engine_of(loaded, 3), CompiledNetwork)
+    assert isinstance(engine_of(loaded, 30), RuntimeNetwork)
