@@ -23,6 +23,7 @@ Places = NDArray[np.int64]
 
 COPY, FILL, ADD, SUB, MUL, DIV, MAX, TANH, SIGMOID, SELU, SQRT, ASINH, PRODUCT = range(13)
 ALIGNED = 16  # numbers: a cache line
+MOST_NUMBERS = 500_000  # in the memory; with more, ONNX Runtime is two to ten times as fast
 F, U = np.float32, np.uintp  # a literal would make numba compute with other types
 SELU_SCALE, SELU_ALPHA = F(1.0507009873554805), F(1.6732632423543772)
 
@@ -179,12 +180,20 @@ class _Translation:
             return np.swapaxes(self._new((*shape[:-2], shape[-1], shape[-2])), -1, -2)
         first = -(-self._size // ALIGNED) * ALIGNED
         self._size = first + prod(shape)
+        if self._size > MOST_NUMBERS:
+            raise ValueError("a large network")
         return np.arange(first, self._size).reshape(shape)
 
     def constant(self, values: Any) -> Places:
         places = self._new(np.shape(values))
         self._constants[int(places.flat[0])] = np.asarray(values, np.float32)
         return places
+
+    def _check(self, places: Places) -> None:
+        """Raise ValueError for integers of the graph that are no places: the program reads memory
+        without a check."""
+        if places.min() < 0 or places.max() >= self._size:
+            raise ValueError("an operation with integers")
 
     def _value(self, places: Places) -> Float32s:
         """Values of a constant. Raises KeyError for any other tensor."""
@@ -209,6 +218,7 @@ class _Translation:
             both = zip(operands, repeated, strict=True)
             operands = tuple(self.elementwise(COPY, x) if again else x for x, again in both)
         flat = np.stack([each.transpose(order).ravel() for each in (out, *operands)])
+        self._check(flat)
         expected = [[1], [0 if op == FILL else 1]] + [[1]] * (len(flat) - 2)
         jumps = (np.diff(flat, axis=1) != expected).any(axis=0)
         first = np.concatenate([[0], np.flatnonzero(jumps) + 1])
@@ -236,6 +246,7 @@ class _Translation:
 
     def _add_product(self, out: Places, x: Places, weights: Float32s) -> None:
         """``out`` (n, m) += x (n, k) times weights (k, m)."""
+        self._check(x)
         if len(out) > 1 and (np.diff(out, axis=0) == 1).all() and (np.diff(x, axis=0) == 1).all():
             # both by channel: rows of the transposed weights times the matrix of all samples
             w = int(self.constant(weights.T).flat[0])

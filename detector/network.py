@@ -75,8 +75,8 @@ def _buffer(array: Float32s) -> tuple[Any, ...]:
 
 def engine_of(loaded: LoadedNetwork, fingers: int) -> Engine:
     """The compiled network, or ONNX Runtime if it cannot be compiled: no folder for the compiler's
-    cache, or an operator that no packaged network has. A file that is not packaged is also compared
-    with ONNX Runtime."""
+    cache, an operator that no packaged network has, or so large a network that ONNX Runtime is
+    faster. A file that is not packaged is also compared with ONNX Runtime."""
     with suppress(Exception):
         # the first import compiles it
         from detector.compiled import CompiledNetwork  # noqa: PLC0415

@@ -51,7 +51,8 @@ def read_inputs(content: bytes) -> dict[str, Input]:
 def read_metadata(content: bytes) -> dict[str, str]:
     """Metadata of a file."""
     pairs = map(_fields, _fields(content).get(14, []))
-    return {_text(pair[1][0]): _text(pair[2][0]) for pair in pairs}
+    empty = [b""]  # some writers leave it out
+    return {_text(pair.get(1, empty)[0]): _text(pair.get(2, empty)[0]) for pair in pairs}
 
 
 def read_graph(content: bytes) -> Graph:

@@ -5,6 +5,7 @@
 It runs a lift, a tap, a pressed fingertip and every detector; numba keeps what these compile.
 """
 
+import os
 import sys
 
 import numpy as np
@@ -33,6 +34,7 @@ def compile_simulation() -> None:
 
 
 def main() -> None:
+    os.environ.pop("GRASP_CONFIG", None)  # not every detector reads the user's settings
     with progress(COMPILING, every_s=EVERY_S) as report, count_compilation(report):
         compile_simulation()
 

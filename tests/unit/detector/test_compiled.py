@@ -59,3 +59,19 @@ def test_file_whose_attribute_is_unknown_or_changes_the_output(tmp_path: Path) -
     gru.attribute.append(onnx.helper.make_attribute("clip", 0.01))
     onnx.save(whole, path)
     assert isinstance(engine_of(read_network(path), 3), RuntimeNetwork)
+
+
+def test_file_that_computes_with_integers(tmp_path: Path) -> None:
+    path = write_network(tmp_path, "tcn")
+    whole = onnx.load(path)
+    del whole.metadata_props[:]
+    whole.graph.initializer.append(onnx.numpy_helper.from_array(np.array([2**50]), "many"))
+    whole.graph.node.insert(0, onnx.helper.make_node("Add", ["many", "many"], ["more"]))
+    onnx.save(whole, path)
+    assert isinstance(engine_of(read_network(path), 3), RuntimeNetwork)
+
+
+def test_large_network_runs_in_onnx_runtime() -> None:
+    loaded = read_network(weights_path("tcn-paper"))
+    assert isinstance(engine_of(loaded, 3), CompiledNetwork)
+    assert isinstance(engine_of(loaded, 30), RuntimeNetwork)

@@ -61,6 +61,15 @@ def test_network_file_without_its_card_still_runs(tmp_path: Path) -> None:
     assert np.array_equal(stream(run_network(read_network(path), 3), walk(50))[0], whole)
 
 
+def test_network_file_whose_metadata_has_a_key_without_value(tmp_path: Path) -> None:
+    path = write_network(tmp_path, "tcn")
+    model = onnx.load(path)
+    del model.metadata_props[:]
+    model.metadata_props.add(key="author")
+    path.write_bytes(model.SerializeToString())
+    assert read_network(path).inputs["counts"] == (6,)
+
+
 def damaged(path: Path, how: str) -> Path:
     content = path.read_bytes()
     if how == "cut":
