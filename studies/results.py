@@ -240,7 +240,7 @@ def drops(run: Run) -> Made:
     lifts, rows = run.study("drop_rate"), []
     for name, hits, of, low, high in drop_rate.rates(lifts):
         rows += [Row(name, "lifts counted", hits, n=of), Row(name, "of lifts", of),
-                 Row(name, "rate, 0.01 %", 1e4 * hits / max(1, of), 1e4 * low, 1e4 * high,
+                 Row(name, "per 10,000 lifts", 1e4 * hits / max(1, of), 1e4 * low, 1e4 * high,
                      of)]  # fmt: skip
     holdable = Counter(row.outcome for row in lifts if row.holdable)
     others = Counter(row.outcome for row in lifts if not row.holdable)
