@@ -44,6 +44,19 @@ def test_detector_and_loop_are_late_beyond_their_limits() -> None:
         assert found(phase, inputs(late_ns=10**10)) == ["loop_stood_still"]
 
 
+def test_a_late_step_states_its_duration_and_a_remedy() -> None:
+    limits = MonitorSettings(detector_s=0.4, standstill_s=0.2)
+    given = inputs(took_ns=1_234_567_890, late_ns=345_678_901)
+    late, stood = Monitors(limits).check(State.LIFT, given)
+    assert (late.message, late.data) == ("a step took 1.235 s", {"seconds": 1.235})
+    assert (stood.message, stood.data) == (
+        "the control step began 0.346 s late", {"seconds": 0.346}
+    )  # fmt: skip
+    assert late.remedy.startswith("choose another detector")
+    on_time = inputs(took_ns=400_000_000, late_ns=200_000_000)
+    assert Monitors(limits).check(State.LIFT, on_time) == ()
+
+
 def test_after_a_standstill_of_the_loop_only_vital_checks_continue() -> None:
     monitors = Monitors(MonitorSettings())
 
@@ -114,5 +127,9 @@ def test_output_other_than_one_probability_a_finger_is_refused(output: object) -
     assert fault is not None and fault.code == "detector_failed"
 
 
-def test_probabilities_are_accepted_up_to_their_ends() -> None:
-    assert invalid_probabilities(np.array([0.0, 0.5, 1.0])) is None
+@pytest.mark.parametrize("finger", range(3))
+def test_probabilities_are_accepted_up_to_their_ends(finger: int) -> None:
+    for value, accepted in ((0.0, True), (1.0, True), (-1e-9, False), (1.0 + 1e-9, False)):
+        output = np.full(3, 0.5)
+        output[finger] = value
+        assert (invalid_probabilities(output) is None) == accepted

@@ -55,6 +55,12 @@ def test_a_loaded_hand_whose_codes_all_repeat_is_frozen() -> None:
     assert until_wrong([codes(9)] * 50) == (FROZEN_SAMPLES + 1, "fingertips_frozen")
 
 
+def test_a_frozen_hand_states_how_many_samples_are_equal() -> None:
+    history = FingertipHistory(MonitorSettings())
+    found = [history.update(frame_of(codes(9), 0)) for _ in range(FROZEN_SAMPLES + 1)]
+    assert found[-2:] == [{}, {"fingertips_frozen": {"samples": FROZEN_SAMPLES + 1}}]
+
+
 def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
     """Repeated codes are 48 to 50 counts from their rest."""
     n, codes = until_wrong([one_finger_alive(k) for k in range(9, 99)])
