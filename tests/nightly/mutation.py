@@ -22,7 +22,7 @@ LEAST = {
     "grasp.slip_monitor": 0.80,
     "grasp.step": 0.96,
     "grasp.safe_state": 0.90,
-    "grasp.states": 0.95,
+    "grasp.states": 0.90,
     "grasp.controller": 0.67,
     "grasp.monitors.arm": 0.80,
     "grasp.monitors.checks": 0.92,
