@@ -246,7 +246,7 @@ def _card(path: Path, text: str | None, counts: Shape) -> NetworkCard:
         )  # fmt: skip
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
     if card.format not in READABLE_FORMATS:
         raise _bad(path, f"format {card.format}, this version reads {READABLE_FORMATS}")

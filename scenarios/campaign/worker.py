@@ -4,7 +4,7 @@ import tempfile
 import time
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -25,7 +25,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One row of the campaign's table; docs/data-formats.md explains the columns."""
 
     trial: int
-    scenario: str
+    scenario: Literal["lift", "tap"]
     object: str
     profile: str
     detector: str

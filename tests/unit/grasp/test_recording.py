@@ -3,6 +3,7 @@
 import math
 import os
 import resource
+import tracemalloc
 from collections.abc import Iterator
 from enum import IntEnum
 from itertools import count
@@ -12,8 +13,10 @@ from typing import Literal
 import msgspec
 import pytest
 import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState
@@ -172,6 +175,21 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(BadFile, match="damaged"):
         RunRecording(path, CHANNELS)
+
+
+@pytest.mark.parametrize("stated", [20_000_000, 1_000])
+def test_a_chunk_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path, stated: int) -> None:
+    packed = zstandard.compress(bytes(20_000_000))
+    builder = RecordBuilder()
+    builder.write(MCAP0_MAGIC)
+    Chunk("zstd", packed, 0, 0, 0, stated).write(builder)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(builder.end())
+    tracemalloc.start()
+    with pytest.raises(BadFile, match=f"chunk .*{stated} bytes"):
+        RunRecording(path, CHANNELS)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\x89MCA", b"{}", b"x" * 1000])

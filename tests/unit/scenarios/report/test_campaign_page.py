@@ -3,6 +3,8 @@
 import json
 import re
 import shlex
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -96,3 +98,13 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
 def test_html_in_a_foreign_text_is_escaped(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page
+
+
+@pytest.mark.parametrize("target", ["../secret.txt", "file:///etc/passwd", "javascript:alert(1)"])
+def test_links_stay_in_the_campaigns_folder(tmp_path: Path, target: str) -> None:
+    (tmp_path / "secret.txt").touch()
+    (tmp_path / "own").mkdir()
+    file = made(tmp_path / "own" / "small.sqlite", SPEC)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.execute("UPDATE trials SET recording = ?", (target,))
+    assert "<a href" not in campaign_page(file, file.with_suffix(".html"))
