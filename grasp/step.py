@@ -22,7 +22,7 @@ from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
 from grasp.fault import Fault
 from grasp.guard import ForceGuard
-from grasp.monitors.checks import Monitors, failed, invalid_probabilities
+from grasp.monitors.checks import DETECTOR_FAILED, Monitors, failed, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import NO_SLIP, Observation
 from grasp.states import OPEN_STATES, UNTARED_STATES
@@ -169,4 +169,4 @@ class GraspStep:
 
 def _failed(bug: BaseException) -> Fault:
     text = one_line(bug.message) if isinstance(bug, GraspError) else describe_exception(bug)
-    return failed("detector_failed", how=text)
+    return failed(DETECTOR_FAILED, how=text)

@@ -194,7 +194,7 @@ def _failure(
     ]  # fmt: skip
     swept = json.loads(row.swept)
     varied = ", ".join(f"{key} = {swept[key]}" for key in spec.sweep if key in swept)
-    error = row.error.strip().splitlines()[-1] if row.error else ""
+    error = ((row.error or "").strip().splitlines() or [""])[-1]
     slip_mm = "" if row.slip_distance_m is None else f"{1e3 * row.slip_distance_m:.1f}"
     controller = settings["controller"] | {"keep": not row.set_down}
     command = command_of(settings | {"controller": controller}, str(row.seed), configured=False)
