@@ -32,8 +32,9 @@ PATH_REMEDY = (
     "give a run's folder, such as runs/NAME (`grasp runs` lists the names), or its .mcap file"
 )
 CHUNK_MESSAGES = 200  # most that a kill of the process loses: about 0.4 s of a run
-# Bounds of what is read, unpacked. A run has 0.3 MB/s, and chunks of 0.1 MB.
-MOST_CHUNK_BYTES, MOST_BYTES = 8_000_000, 400_000_000
+# Bounds of what is read, unpacked. A run has 0.3 MB/s and lasts an hour at most (``deadline_s``).
+# Its chunks have 0.1 MB, and compression makes it six times smaller.
+MOST_CHUNK_BYTES, MOST_BYTES, MOST_RATIO = 8_000_000, 1_200_000_000, 100
 RECORD_BYTES = 128  # counted for every record beside its content
 
 Channels = Mapping[str, type[msgspec.Struct]]
@@ -241,14 +242,16 @@ def _records(path: Path) -> Iterator[McapRecord]:
     if not data.startswith(MCAP0_MAGIC):
         problem = "is no MCAP recording" if data else "is empty: its writer never started"
         raise BadFile(path, problem, PATH_REMEDY)
-    total = len(data)
+    total, most = len(data), min(MOST_BYTES, MOST_CHUNK_BYTES + MOST_RATIO * len(data))
     try:
         for record in StreamReader(_Truncated(data), emit_chunks=True, validate_crcs=True).records:
-            packed = isinstance(record, Chunk)
-            records = breakup_chunk(_unpacked(record), validate_crc=True) if packed else [record]
-            total += RECORD_BYTES * len(records) + (record.uncompressed_size if packed else 0)
-            if total > MOST_BYTES:
-                raise ValueError(f"it holds more than {MOST_BYTES / 1e6:.0f} MB, unpacked")
+            records = [record]
+            if isinstance(record, Chunk):
+                total += record.uncompressed_size
+                records = breakup_chunk(_unpacked(record), validate_crc=True)
+            total += RECORD_BYTES * len(records)
+            if total > most:
+                raise ValueError(f"it unpacks to more than {most} bytes")
             yield from records
     except EndOfFile:
         return  # without a footer

@@ -192,6 +192,17 @@ def test_a_chunk_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path, stat
     tracemalloc.stop()
 
 
+def test_many_chunks_that_unpack_to_too_much_are_refused(tmp_path: Path) -> None:
+    builder = RecordBuilder()
+    builder.write(MCAP0_MAGIC)
+    for _ in range(30):
+        Chunk("zstd", zstandard.compress(bytes(900_000)), 0, 0, 0, 900_000).write(builder)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(builder.end())
+    with pytest.raises(BadFile, match=r"unpacks to more than 8\d{6} bytes"):
+        RunRecording(path, CHANNELS)
+
+
 @pytest.mark.parametrize("content", [None, b"", b"\x89MCA", b"{}", b"x" * 1000])
 def test_other_files_are_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "run.mcap"
