@@ -5,8 +5,8 @@ a run in virtual time and a replay all use it. The result depends only on presen
 inputs: no clock, no sleep, no I/O.
 """
 
+from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from itertools import compress
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.interface import SlipDetector
-from drivers.errors import GraspError, describe_exception, one_line
+from drivers.errors import GraspError, counted, describe_exception, one_line
 from drivers.interfaces import GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -59,6 +59,7 @@ class GraspStep:
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
         self.last_close: CloseFast | None = None  # the closing that was admitted last
         self._tared = False  # counts are relative to rest counts that this run has taken
+        self.hidden = Counter[str]()  # exceptions that were ignored, with their number
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
 
     def decide(self, obs: Observation) -> StepResult:
@@ -151,7 +152,7 @@ class GraspStep:
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         if max(probabilities.tolist()) > SLIP_LIKELY:
-            with suppress(Exception):  # only recorded, so a bug must not end a run
+            with counted(self.hidden):  # only recorded, so a bug must not end a run
                 return self._motion()
         return None
 

@@ -162,7 +162,7 @@ class CampaignStore:
         """The resolved settings of every combination, by their hash."""
         with _read_errors(self.path):
             found = self._db.execute("SELECT config_hash, settings FROM configs").fetchall()
-            return {key: msgspec.json.decode(text, type=dict[str, Any]) for key, text in found}
+            return {k: msgspec.json.decode(str(text), type=dict[str, Any]) for k, text in found}
 
     def finished(self) -> set[int]:
         """Numbers of the trials that finished without an error."""

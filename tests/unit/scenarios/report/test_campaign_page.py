@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from drivers.errors import BadFile
 from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
@@ -108,3 +109,12 @@ def test_links_stay_in_the_campaigns_folder(tmp_path: Path, target: str) -> None
     with closing(sqlite3.connect(file)) as db, db:
         db.execute("UPDATE trials SET recording = ?", (target,))
     assert "<a href" not in campaign_page(file, file.with_suffix(".html"))
+
+
+@pytest.mark.parametrize("settings", [None, "[]", "{}", '{"object": 1}'])
+def test_settings_of_another_shape_are_refused(tmp_path: Path, settings: str | None) -> None:
+    file = made(tmp_path / "small.sqlite", SPEC)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.execute("UPDATE configs SET settings = ?", (settings,))
+    with pytest.raises(BadFile, match=r"small\.sqlite: "):
+        campaign_page(file, file.with_suffix(".html"))
