@@ -13,6 +13,7 @@ from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError
 from grasp import signals
 from grasp.cli import exits
+from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
@@ -60,7 +61,8 @@ def dataset_collect(args: argparse.Namespace) -> int:
         require_labelled(source)
     made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
-    value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
+    value = {"folder": args.out, "lacking": made.lacking, "warnings": warn(args, made.recordings)}
+    value |= dict[Any, Any](made.counts)
     show(args, value, f"{args.out}: {counts}")
     if made.lacking and not args.json:
         for split, kinds in made.lacking.items():
