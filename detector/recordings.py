@@ -65,6 +65,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # the user's files that it was made with, with their digests
     part: str = ""  # of a data set with several parts
+    changes: tuple[str, ...] = ()  # of an imported recording: what the import changed
     parameters: dict[str, float] = {}  # random settings of this recording, units in the names
     object: dict[str, float | str | bool | list[int]] = {}  # held object
     disturbances: tuple[AppliedDisturbance, ...] = msgspec.field(default=(), name="acts")  # by time
