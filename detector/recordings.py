@@ -26,6 +26,7 @@ LABEL = "slip"
 OPTIONAL = "slip_true"
 MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
 RATE_SAMPLES = 20  # fewer do not determine a rate
+MIN_PERIOD_S = 1e-5  # no fingertip is sampled faster
 UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # of times, per second
 UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 IMPORT = "`grasp dataset import`"
@@ -320,6 +321,9 @@ def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64
 def check_unit(t_s: NDArray[np.float64], source: str) -> None:
     """Raise BadFile if the median interval shows that times (n,) are not in seconds."""
     period = float(np.median(np.diff(t_s)))
+    if 0.0 < period < MIN_PERIOD_S:
+        remedy = f"give times in seconds, or {IMPORT} with another --unit"
+        raise BadFile(source, f"its samples are {period:g} s apart", remedy)
     if period >= 1.0:  # of a rate of 2 to 1000 Hz
         unit = "ms" if period < 500.0 else "us" if period < 500e3 else "ns"
         raise BadFile(

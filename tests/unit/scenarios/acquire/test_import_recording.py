@@ -110,6 +110,9 @@ def test_unusable_tables_are_refused_with_a_remedy(tmp_path: Path) -> None:
         with pytest.raises(BadFile) as caught:
             import_recording(table(tmp_path, text), ImportOptions(columns=columns))
         assert problem in caught.value.problem and caught.value.remedy, problem
+    with pytest.raises(BadFile, match="1e-08 s apart") as wrong_unit:
+        import_recording(table(tmp_path, good), ImportOptions(unit="us"))
+    assert "--unit" in wrong_unit.value.remedy
     path = table(tmp_path, [line.replace("time,", "tme,") for line in good])
     with pytest.raises(BadFile, match="did you mean 'tme'"):
         import_recording(path, ImportOptions(time_column="time"))
