@@ -272,7 +272,7 @@ def read_csv(path: Path | str, labelled: bool = True) -> Recording:
         for name, words in zip(columns, text.columns(1), strict=True)
     }
     t_s = table["t_s"]
-    _check_rate(t_s, source)
+    check_rate(t_s, source)
     check_times(t_s, lines, source)
     counts = np.column_stack([table[name] for name in columns if name.startswith("p")])
     labels = {name: table[name] == 1.0 for name in (LABEL, OPTIONAL) if name in table}
@@ -332,7 +332,7 @@ def check_unit(t_s: NDArray[np.float64], source: str) -> None:
         )  # fmt: skip
 
 
-def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
+def check_rate(t_s: NDArray[np.float64], source: str) -> None:
     """Raise BadFile if the median rate is not near 100 Hz; missed samples are allowed."""
     check_unit(t_s, source)
     period_s = float(np.median(np.diff(t_s)))

@@ -16,10 +16,10 @@ from detector.recordings import (
     GAP_PERIODS,
     LABEL,
     MAX_MISSED,
-    MAX_RATE_FACTOR,
     UNITS,
     Metadata,
     Recording,
+    check_rate,
     check_unit,
 )
 from detector.text_table import read_table
@@ -212,9 +212,7 @@ def _at_100_hz(
                       f"at most {MAX_MISSED} samples in a row may be missing: cut the file in two "
                       "here")  # fmt: skip
     if not options.resample:
-        if not 1.0 / MAX_RATE_FACTOR < period_s / PERIOD_S < MAX_RATE_FACTOR:
-            problem = f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz"
-            raise BadFile(table.source, problem, "give --resample to bring it to 100 Hz")
+        check_rate(t_s, table.source)
         return t_s, values, slip
     bins = np.floor((t_s - t_s[0]) / PERIOD_S + 1e-6).astype(np.intp)
     grid = np.arange(bins[-1] + 1)
