@@ -160,7 +160,27 @@ def _add_dataset(group: Parser) -> None:
         "five recordings of a motion on a surface, three are for training, one for validation, one "
         "for test.")  # fmt: skip
     collect.option("source RUN|FILE", "acquisitions, .npz or .csv files", Path, nargs="+")
-    for parser in (build, collect):
+    bring = group.command("import", "bring recordings of other programs into this format", ". Each "
+        "file is a table of text, at any rate, with or without a header; a cell may hold a list. "
+        "Prints every change, and keeps it and the file's SHA-256 in the result.", (
+        "grasp dataset import slip.csv --unit ms --columns 2-7 --sign positive --rest-seconds 0.5 "
+        "--labels truth.csv --resample --out own",))  # fmt: skip
+    bring.option("file FILE", "tables with the same columns", Path, nargs="+")
+    times = bring.add_mutually_exclusive_group()
+    times.add_argument("--time-column", default="", metavar="NAME", help="name or number (default: "
+        "t_s, time, timestamp, ...)")  # fmt: skip
+    times.add_argument("--rate", type=decimal(1, 100_000, "Hz"), metavar="HZ", help="of a file "
+        "without times")  # fmt: skip
+    bring.option("--unit", "of the times", choices=("s", "ms", "us", "ns"), default="s")
+    bring.option("--columns LIST", "pressures, finger by finger: names, numbers or ranges of "
+        "numbers, with commas (default: all but time and label)", default="")  # fmt: skip
+    bring.option("--taxels N", "of a fingertip", whole(1, 100), default=6)
+    bring.option("--sign", "of a press", choices=("negative", "positive"), default="negative")
+    bring.option("--rest-seconds N", "subtract the median of the first seconds",
+        decimal(0, 3600, "s"), default=0.0)  # fmt: skip
+    bring.option("--labels FILE", "table of times and labels, at any rate, in the same unit", Path)
+    bring.flag("--resample", "bring another rate to 100 Hz")
+    for parser in (build, collect, bring):
         parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
         share(parser, "json")
 

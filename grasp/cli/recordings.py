@@ -54,16 +54,19 @@ def _replay_tactile(args: argparse.Namespace) -> int:
 
     from detector.recordings import read
     from detector.scores.evaluation import evaluate_recording
-    from grasp.cli.detector import scores_text
+    from grasp.cli.detector import scores_text, warn
     from grasp.clock import stopwatch_ns
     from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    recording = read(args.tactile)
+    recording = read(args.tactile, labelled=False)
+    warnings = warn(args, [recording])
     done = replay_tactile(config, recording)
-    detector = config.make_detector(recording.fingers, recording.taxels)
-    scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
+    scores = None
+    if recording.labelled:
+        detector = config.make_detector(recording.fingers, recording.taxels)
+        scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
 
     def text() -> str:  # labels, registered events and commands on one time line, then the score
         slip = recording.slip
@@ -75,9 +78,11 @@ def _replay_tactile(args: argparse.Namespace) -> int:
         ]  # fmt: skip
         lines.sort(key=lambda line: line[0])
         shown = [f"{t_s:8.3f} s  {what}" for t_s, what in lines]
-        return "\n".join([*shown, scores_text(scores, config.rule)])
+        score = scores_text(scores, config.rule) if scores else "no label `slip`: no score"
+        return "\n".join([*shown, score])
 
-    return show(args, {**msgspec.to_builtins(done), "evaluation": scores}, text)
+    value = {**msgspec.to_builtins(done), "evaluation": scores, "warnings": warnings}
+    return show(args, value, text)
 
 
 def runs(args: argparse.Namespace) -> int:
