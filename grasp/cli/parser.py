@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
+from grasp.settings import names, suggestion
 
 # headings in the help for options that are not specific to a command
 HEADINGS = {
@@ -34,13 +35,13 @@ class Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises usage errors, also for unknown options."""
+    """Raises usage errors, also for unknown and shortened options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self._headed: dict[str, Any] = {}
         self._commands: Any = None
         self._sections: dict[str, list[argparse.Action]] = {}
-        super().__init__(*args, **{"formatter_class": Formatter, **options})
+        super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **options})
 
     def add_argument(self, *args: Any, **options: Any) -> argparse.Action:
         """Add an argument, under its heading."""
@@ -107,8 +108,17 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+            known = [word for action in self._actions for word in action.option_strings]
+            hint = suggestion(unknown[0].partition("=")[0], known)
+            self.error(f"`{self.prog}` does not take {' '.join(unknown)}{hint}")
         return namespace, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += suggestion(str(value), list(map(str, action.choices or ())))
+            raise
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, f"see `{self.prog} --help`")
@@ -145,8 +155,6 @@ def complete(parser: Parser) -> None:
 def _names_and_files(kind: str, prefix: str, **_: object) -> list[str]:
     """Names of config/<kind>, and the user's files."""
     from argcomplete.completers import FilesCompleter
-
-    from grasp.settings import names
 
     suffixes = ("toml", "py", "onnx") if kind == "detectors" else ("toml",)
     return [*names(kind), *FilesCompleter(suffixes)(prefix)]
