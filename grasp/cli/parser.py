@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
-from grasp.settings import names, suggestion
 
 # headings in the help for options that are not specific to a command
 HEADINGS = {
@@ -108,6 +107,8 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
+            from grasp.settings import suggestion
+
             known = [word for action in self._actions for word in action.option_strings]
             hint = suggestion(unknown[0].partition("=")[0], known)
             self.error(f"`{self.prog}` does not take {' '.join(unknown)}{hint}")
@@ -117,6 +118,8 @@ class Parser(argparse.ArgumentParser):
         try:
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
+            from grasp.settings import suggestion
+
             error.message += suggestion(str(value), list(map(str, action.choices or ())))
             raise
 
@@ -155,6 +158,8 @@ def complete(parser: Parser) -> None:
 def _names_and_files(kind: str, prefix: str, **_: object) -> list[str]:
     """Names of config/<kind>, and the user's files."""
     from argcomplete.completers import FilesCompleter
+
+    from grasp.settings import names
 
     suffixes = ("toml", "py", "onnx") if kind == "detectors" else ("toml",)
     return [*names(kind), *FilesCompleter(suffixes)(prefix)]
