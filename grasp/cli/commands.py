@@ -30,7 +30,10 @@ ROOT_END = (
 )
 FINGERS = ("A", "B", "C")
 SLOW = "slowly, at the hand's least force"
-RUN_HELP = "folder of a run, its name as `grasp runs` lists it, or its recording.mcap"
+RUN_HELP = (
+    "folder of a run, its name as `grasp runs` lists it, or its recording.mcap (default: the last "
+    "run in the folder runs)"
+)
 ARM_SPEED = "10 mm/s in a straight line"
 MAX_FORCE_N = 60.0  # of the hand, by its manual
 SHORTEST_HOLD_S = 30.0
@@ -115,15 +118,15 @@ def _add_recordings(root: Parser) -> None:
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
     report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign, or "
-        ".json file of `grasp detector evaluate --out`", Path)  # fmt: skip
+        ".json file of `grasp detector evaluate --out`", Path, nargs="?")  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
-        "distance over time; gif: the first slip in slow motion (both: extra `charts`). layout: "
-        "for Foxglove and Lichtblick.",
+        "distance over time (--out: also .png, .pdf); gif: the first slip in slow motion (both: "
+        "extra `charts`). layout: for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
-    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path)
+    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path, nargs="?")
     export.option("--to", "default: by --out, else csv", choices=("csv", "svg", "gif", "layout"))
     export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
 

@@ -9,7 +9,7 @@ from typing import Any
 from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.options import PICTURES, check_writable, need
-from grasp.cli.output import show
+from grasp.cli.output import print_status, show
 from grasp.files import write_whole
 
 SHOWN_DIFFERENCES = 10
@@ -19,8 +19,8 @@ FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICT
 
 
 def replay(args: argparse.Namespace) -> int:
-    if (args.run is None) == (args.tactile is None):
-        raise UsageError("needs a RUN or --tactile PATH, and not both", "give one of them")
+    if args.run is not None and args.tactile is not None:
+        raise UsageError("takes a RUN or --tactile PATH, and not both", "give one of them")
     if args.tactile is not None:
         return _replay_tactile(args)
     if args.config or args.set:
@@ -30,7 +30,7 @@ def replay(args: argparse.Namespace) -> int:
 
     from scenarios.trial.replay import replay_run
 
-    done = replay_run(args.run, args.detector)
+    done = replay_run(args.run or _last_run(), args.detector)
     same = not done.differences
 
     def text() -> str:
@@ -47,6 +47,20 @@ def replay(args: argparse.Namespace) -> int:
 
     code = exits.TRIAL_FAILED if args.check and not same else exits.SUCCESS
     return show(args, {**msgspec.to_builtins(done), "same": same}, text, code)
+
+
+def _last_run() -> Path:
+    """Folder of the newest recording in the default folder, which it prints. Raises UsageError if
+    there is none."""
+    from scenarios.trial.run_folder import RECORDING, RUNS
+
+    recordings = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{RECORDING}")]
+    if not recordings:
+        raise UsageError(f"no RUN given, and no recording in the folder {RUNS}",
+                         "give the path of a RUN, or record one: `grasp run lift`")  # fmt: skip
+    folder = max(recordings)[1]
+    print_status(f"last run: {one_line(folder)}")
+    return folder
 
 
 def _replay_tactile(args: argparse.Namespace) -> int:
@@ -114,7 +128,7 @@ def _line(name: str, result: dict[str, Any]) -> str:
 def report(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix != ".html":
         raise UsageError(f"--out {args.out}: not an HTML file name", "use one that ends in .html")
-    print(write_page(args.run, args.out))
+    print(write_page(args.run or _last_run(), args.out))
     return exits.SUCCESS
 
 
@@ -148,7 +162,12 @@ def export(args: argparse.Namespace) -> int:
     if args.to is None and args.out is not None and by_name is None:
         raise UsageError(f"--out {args.out}: no known file ending",
                          f"use a name that ends in {', '.join(FORMATS)}, or give --to")  # fmt: skip
-    to, database = args.to or by_name or "csv", is_database(args.run)
+    to = args.to or by_name or "csv"
+    if by_name not in (None, to):
+        raise UsageError(f"--out {args.out}: the file name says {by_name}, --to says {to}",
+                         "leave --to out, or use another file name")  # fmt: skip
+    args.run = args.run or _last_run()
+    database = is_database(args.run)
     if database and to != "csv":
         raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
     if to in ("svg", "gif"):

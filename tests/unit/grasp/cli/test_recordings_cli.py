@@ -28,6 +28,11 @@ def test_run_is_found_by_the_name_that_runs_lists(
     for words in (("report", name), ("export", name), ("export", name, "--to", "layout")):
         code, out, _ = call(*words, capsys=capsys)
         assert code == 0 and Path(out.strip()).parent == Path("runs") / name, words
+    for words in (("report",), ("export",), ("replay", "--check")):  # the last run
+        code, _, error = call(*words, capsys=capsys)
+        assert code == 0 and f"last run: runs/{name}" in error, words
+    code, _, error = call("export", "--to", "csv", "--out", "y.gif", capsys=capsys)
+    assert code == 2 and "says gif, --to says csv" in error and not Path("y.gif").exists()
     code, _, error = call("replay", "no-run", capsys=capsys)
     assert code == 2 and "such as runs/NAME" in error
 
