@@ -2,9 +2,11 @@
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import shlex
+import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -105,10 +107,11 @@ def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
     """Hold the lock file ``path``, created with ``mode`` and removed afterwards.
 
     The system releases the lock (flock) when its holder ends, so a remaining file means nothing.
+    Somebody may remove the file meanwhile, so the holder also has the path's name as a socket.
     If another process holds it, raises the error that ``refusal`` makes of the holder (None: not
     written yet). Raises OSError too.
     """
-    file = _lock(path, mode, refusal)
+    file, name = _lock(path, mode, refusal)
     try:
         with suppress(OSError):  # e.g. a full disk: the lock holds without the name too
             command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
@@ -120,24 +123,34 @@ def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
         with suppress(OSError):  # the file of another user, in a sticky folder
             path.unlink()
         os.close(file)
+        name.close()
 
 
-def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]) -> int:
-    """Lock the file at the path, not one that its last holder has just removed."""
+def _lock(
+    path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
+) -> tuple[int, socket.socket]:
+    """Lock the file at the path, not one that its last holder has just removed, and its name."""
+    name = socket.socket(socket.AF_UNIX)
+    named = f"\0grasp-{hashlib.sha256(os.fsencode(path.resolve())).hexdigest()}"
     while True:
         file = _open_or_make(path, mode)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            if os.path.samestat(os.fstat(file), path.stat()):
+                name.bind(named)
+                return file, name
+        except FileNotFoundError:
+            pass
+        except OSError as error:
             text = os.pread(file, MOST_HOLDER_BYTES, 0)
             os.close(file)
+            name.close()
+            if error.errno not in (errno.EWOULDBLOCK, errno.EADDRINUSE):
+                raise
             holder = None
             with suppress(ValueError, TypeError):
                 holder = Holder(**json.loads(text))
             raise refusal(holder) from None
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file), path.stat()):
-                return file
         os.close(file)
 
 

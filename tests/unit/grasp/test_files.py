@@ -44,6 +44,9 @@ def test_second_process_is_refused_with_the_holder_and_later_gets_the_lock(tmp_p
         assert file.stat().st_mode & 0o777 == 0o600
         with pytest.raises(Refused, match=f"^{os.getpid()}: .*"), locked(file, 0o600, refused):
             raise AssertionError("held twice")
+        file.unlink()  # by somebody who believes that it was left behind
+        with pytest.raises(Refused, match="somebody"), locked(file, 0o600, refused):
+            raise AssertionError("held twice")
     assert not file.exists()
     with locked(file, 0o644, refused):
         assert file.stat().st_mode & 0o777 == 0o644
