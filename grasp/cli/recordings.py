@@ -208,9 +208,11 @@ def _draw(run: Path, out: Path | None, to: str) -> Path:
     need("charts", "matplotlib")
     from scenarios.report.animation import animate_run
     from scenarios.report.export import draw_run
-    from scenarios.trial.run_folder import find_recording
+    from scenarios.trial.run_folder import RECORDING, find_recording
 
-    out = out or find_recording(run).with_name(f"run.{to}")
+    recording = find_recording(run)
+    name = "run" if recording.name == RECORDING else recording.stem
+    out = out or recording.with_name(f"{name}.{to}")
     endings = PICTURES if to == "svg" else (".gif",)
     if out.suffix not in endings:
         raise UsageError(f"--out {out}: not an image file name",

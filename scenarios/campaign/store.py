@@ -212,11 +212,13 @@ class CampaignStore:
             return rows
 
     def write_csv(self, out: TextIO) -> None:
-        """All rows as CSV, without the nested columns `result` and `timing`."""
+        """All rows as CSV, without the nested columns `result` and `timing`; true is 1."""
         shown = [name for name in COLUMNS if name not in ("result", "timing")]
         writer = csv.DictWriter(out, shown, extrasaction="ignore")
         writer.writeheader()
-        writer.writerows(msgspec.structs.asdict(row) for row in self.rows())
+        for row in self.rows():
+            cells = msgspec.structs.asdict(row).items()
+            writer.writerow({k: int(v) if isinstance(v, bool) else v for k, v in cells})
 
 
 def _new_file(spec: CampaignSpec, grid: Sequence[Combination]) -> bytes:

@@ -101,8 +101,8 @@ def test_progress_without_a_terminal_is_a_line_for_each_tenth(capsys: Capture) -
 @pytest.mark.parametrize(
     ("words", "proposed"),
     [
-        ("release --confirm", ""),
-        ("release --emp", ""),
+        ("release --confirm", "did you mean '--confirm-motion'?"),
+        ("gripper activate --emp", "did you mean '--empty'?"),
         ("rnu lift", "did you mean 'run'?"),
         ("run lfit", "did you mean 'lift'?"),
         ("run lift --objct can", "did you mean '--object'?"),
