@@ -18,6 +18,7 @@ from drivers.ur.link.preflight import (
     preflight,
     raise_for_failures,
     require_stationary,
+    require_ur_rtde,
 )
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 from drivers.ur.settings import UrSettings
@@ -47,7 +48,8 @@ class UrLink:
 
     def connect(self) -> PreflightFindings:
         """Run the pre-flight checks, start the worker; raises LinkLost or DeviceFault, also when
-        the arm moves."""
+        the arm moves, and UsageError without ur_rtde."""
+        require_ur_rtde()
         self.close()
         s = self._settings
         findings = preflight(s.host, s.step_timeout_s)
