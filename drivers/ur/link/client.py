@@ -35,6 +35,8 @@ class UrLink:
     """
 
     def __init__(self, settings: UrSettings) -> None:
+        """Raises UsageError if ur_rtde is not installed."""
+        require_ur_rtde()
         self._settings = settings
         self._worker: WorkerProcess | None = None
         self._payload_kg: float | None = None
@@ -48,8 +50,7 @@ class UrLink:
 
     def connect(self) -> PreflightFindings:
         """Run the pre-flight checks, start the worker; raises LinkLost or DeviceFault, also when
-        the arm moves, and UsageError without ur_rtde."""
-        require_ur_rtde()
+        the arm moves."""
         self.close()
         s = self._settings
         findings = preflight(s.host, s.step_timeout_s)
