@@ -161,6 +161,8 @@ class _Translation:
             results = OPERATORS[node.operator](self, *operands, **node.attributes)
             several = results if isinstance(results, list) else [results]
             self.tensors.update(zip(node.outputs, several, strict=True))
+            if any(np.size(each) > MOST_NUMBERS for each in several):
+                raise ValueError("a large network")
         self.tensors["probability"] = self.elementwise(COPY, self.tensors["probability"])
         nexts = {"previous": "counts"} | {n: f"next_{n}" for n in shapes if n.startswith("state")}
         kept = {n: self.tensors[after] for n, after in nexts.items() if n in shapes}

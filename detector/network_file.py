@@ -5,7 +5,13 @@ Nothing is unpickled. Card and shapes are checked before a graph is executed.
 
 import hashlib
 import os
-from functools import cached_property
+import re
+import resource
+import subprocess
+import sys
+from contextlib import suppress
+from functools import cached_property, lru_cache
+from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +19,7 @@ import msgspec
 import numpy as np
 
 from detector.onnx_file import read_inputs, read_metadata
-from drivers.errors import BadFile, UsageError
+from drivers.errors import BadFile, UsageError, describe_exception, exception_text
 from drivers.interfaces import FINGERS
 
 FORMAT = 2  # 1: without checksum
@@ -24,8 +30,12 @@ SUFFIX = ".onnx"
 MAX_FILE_BYTES = 4_000_000  # the packaged files have a tenth of a megabyte
 # Key under which a tensor names an external file with its values (TensorProto.external_data)
 EXTERNAL_DATA_KEY = b"\x0a\x08location"
+LOOP_KEY = b"\x22\x04Loop"  # NodeProto.op_type
+OPSET_TEXT = r"Opset (\d+) is under development.* till opset (\d+)"
+MOST_RUN_S, MOST_RUN_BYTES = 20.0, 1_000_000_000  # of the first run of a foreign graph
 WEIGHTS = Path(__file__).parent / "weights"
 
+REMEDY = "give a file of `grasp detector train`, or one with the tensors of docs/extending.md"
 REINSTALL = "install `grasp` again"
 PACKAGED_SHA256 = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
@@ -141,21 +151,63 @@ def read_network(path: Path) -> LoadedNetwork:
     if packaged and hashlib.sha256(content).hexdigest() != PACKAGED_SHA256[path.stem]:
         raise BadFile(path, "damaged: it differs from the packaged file", REINSTALL)
     if EXTERNAL_DATA_KEY in content:
-        raise _bad(path, "takes data from other files, which is not allowed")
-    try:
-        loaded = _loaded(path, content, packaged)
-        stored = loaded.card.sha256
-        has_sum = stored or loaded.card.format >= FORMAT
-        if has_sum and (not stored or _checksum(content, stored) != stored):
-            raise _bad(path, "damaged: its checksum does not match")
-        for fingers in () if packaged else (1, FINGERS):
-            _test_run(path, loaded, fingers)
-    except BadFile:
-        raise
-    except Exception as error:  # onnxruntime has its own exception class for each kind of damage
-        problem = f"damaged, or not an ONNX graph that can run ({type(error).__name__})"
-        raise _bad(path, problem) from None
+        raise BadFile(
+            path, "takes weights from other files, which is not allowed",
+            "store them in the file: onnx.save(onnx.load(FILE), NEW_FILE), or "
+            "torch.onnx.export(..., external_data=False)",
+        )  # fmt: skip
+    if LOOP_KEY in content:
+        raise _bad(path, "has a Loop, which may never end")
+    loaded = _loaded(path, content, packaged)
+    stored = loaded.card.sha256
+    has_sum = stored or loaded.card.format >= FORMAT
+    if has_sum and (not stored or _checksum(content, stored) != stored):
+        raise _bad(path, "damaged: its checksum does not match")
+    if packaged:
+        return loaded
+    if _compiles(loaded):
+        _test_runs(path, loaded)
+    elif problem := problem_in_a_child(content, path.name):
+        raise BadFile(path, *problem)
     return loaded
+
+
+def _compiles(loaded: LoadedNetwork) -> bool:
+    """Whether the operators are those of the packaged networks, which cannot run for long."""
+    with suppress(Exception):  # as in `engine_of`, which uses this translation again
+        from detector.compiled import CompiledNetwork  # noqa: PLC0415
+
+        CompiledNetwork(loaded.content, loaded.inputs, FINGERS)
+        return True
+    return False
+
+
+@lru_cache(maxsize=8)
+def problem_in_a_child(content: bytes, name: str) -> tuple[str, str] | None:
+    """Problem and remedy of a foreign graph, which runs in a process with limits of time and
+    memory; None if it runs."""
+    home = str(Path(__file__).parents[1])
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", __name__, name], input=content, timeout=MOST_RUN_S,
+            capture_output=True, check=False, env={**os.environ, "PYTHONPATH": home},
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"a run takes more than {MOST_RUN_S:g} s", REMEDY
+    if done.returncode:
+        return f"a run ends the process with code {done.returncode}", REMEDY
+    return msgspec.json.decode(done.stdout, type=tuple[str, str] | None)
+
+
+def _try_network(name: str) -> None:
+    """Test-run the network on standard input; print problem and remedy, or null, as JSON."""
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_RUN_BYTES, MOST_RUN_BYTES))
+    problem = None
+    try:
+        _test_runs(Path(name), _loaded(Path(name), sys.stdin.buffer.read(), packaged=False))
+    except BadFile as error:
+        problem = error.problem, error.remedy
+    sys.stdout.buffer.write(msgspec.json.encode(problem))
 
 
 def with_checksum(model: Any, card: NetworkCard) -> bytes:
@@ -201,16 +253,23 @@ def _session(content: bytes) -> Any:
 
 
 def _loaded(path: Path, content: bytes, packaged: bool) -> LoadedNetwork:
+    try:
+        tensors, metadata = read_inputs(content), read_metadata(content)
+    except Exception as error:  # as its docstring says
+        text = f"damaged, or no ONNX file ({describe_exception(error)})"
+        raise _bad(path, text) from error
     inputs: dict[str, Shape] = {}
-    for name, each in read_inputs(content).items():
+    for name, each in tensors.items():
         fingers, *lengths = each.shape or (1,)
         fixed = tuple(n for n in lengths if isinstance(n, int) and n > 0)
         if not each.is_float or isinstance(fingers, int) or len(fixed) < len(lengths):
             expected = "float (fingers, ...) with all axes but the first fixed"
             kind = "float" if each.is_float else "of another type,"
             raise _bad(path, f"input {name!r} is {kind} {each.shape}, not {expected}")
+        if prod(fixed) > MAX_FILE_BYTES:
+            raise _bad(path, f"input {name!r} has {prod(fixed)} numbers: not one frame or window")
         inputs[name] = fixed
-    card = _card(path, read_metadata(content).get(CARD_KEY), inputs.get("counts", ()))
+    card = _card(path, metadata.get(CARD_KEY), inputs.get("counts", ()))
     frame: Shape = (len(card.mean_counts),)
     by_card = {"counts": frame if card.mode == "stream" else (card.window, *frame)}
     loaded = LoadedNetwork(card, content, inputs, packaged)
@@ -221,11 +280,24 @@ def _loaded(path: Path, content: bytes, packaged: bool) -> LoadedNetwork:
     return loaded
 
 
+def _test_runs(path: Path, loaded: LoadedNetwork) -> None:
+    for fingers in (1, FINGERS):
+        _test_run(path, loaded, fingers)
+
+
 def _test_run(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
     """Run the graph on zeros. Raises BadFile for outputs that are not probabilities and states."""
     feeds = {name: np.zeros((fingers, *shape), np.float32) for name, shape in loaded.inputs.items()}
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
-    p, *states = loaded.session.run(names, feeds)
+    try:
+        outputs = [each.name for each in loaded.session.get_outputs()]
+        if missing := [name for name in names if name not in outputs]:
+            raise _bad(path, f"has no output {missing[0]!r}; its outputs are {outputs}")
+        p, *states = loaded.session.run(names, feeds)
+    except BadFile:
+        raise
+    except Exception as error:  # onnxruntime has its own exception class for each kind of damage
+        raise _cannot_run(path, exception_text(error)) from error
     if p.shape != (fingers,) or p.dtype != np.float32 or not ((p >= 0.0) & (p <= 1.0)).all():
         raise _bad(path, f"returns {p}, not a probability per finger")
     for name, state in zip(loaded.states, states, strict=True):
@@ -246,17 +318,27 @@ def _card(path: Path, text: str | None, counts: Shape) -> NetworkCard:
         )  # fmt: skip
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
     if card.format not in READABLE_FORMATS:
         raise _bad(path, f"format {card.format}, this version reads {READABLE_FORMATS}")
     return card
 
 
+def _cannot_run(path: Path, text: str) -> BadFile:
+    """The error for a text of ONNX Runtime."""
+    for what, pattern in (("IR", r"IR version: (\d+).*: (\d+)"), ("opset", OPSET_TEXT)):
+        if found := re.search(pattern, text):
+            problem = f"has {what} version {found[1]}; ONNX Runtime here reads up to {found[2]}"
+            return BadFile(path, problem, f"export it with {what} version {found[2]} or lower")
+    return _bad(path, f"ONNX Runtime cannot run it: {text.rpartition(' : ')[2].strip()}")
+
+
 def _bad(path: Path, problem: str) -> BadFile:
     if is_packaged(path):
         return BadFile(path, f"{problem}; it is part of `grasp`", REINSTALL)
-    return BadFile(
-        path, problem,
-        "give a file of `grasp detector train`, or one with the tensors of docs/extending.md",
-    )  # fmt: skip
+    return BadFile(path, problem, REMEDY)
+
+
+if __name__ == "__main__":
+    _try_network(sys.argv[1])

@@ -194,8 +194,10 @@ def _as_bad_file(file: str, verb: str) -> Iterator[None]:
     except BadFile:
         raise
     except FAILURES as error:
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [f.lineno for f in frames if f.filename == file]
         if isinstance(error, SyntaxError):
             lines = [error.lineno]
         line = lines[-1] if lines else None
-        raise _bad(file, f"{verb} raised {describe_exception(error)}", line) from error
+        at = "" if line else f" ({frames[-1].filename}, line {frames[-1].lineno})"
+        raise _bad(file, f"{verb} raised {describe_exception(error)}{at}", line) from error

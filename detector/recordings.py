@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import ZipFile
 
 import msgspec
 import numpy as np
@@ -22,6 +23,7 @@ from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 GAP_PERIODS = 1.5  # a longer time between two samples means that samples were missed
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
+MOST_BYTES = 200_000_000  # of the arrays of a file: hours
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
@@ -190,6 +192,10 @@ def _read_npz(path: Path) -> Recording:
     source = str(path)
     remedy = "copy or build the file again"
     with _as_bad_file(path, remedy):
+        with ZipFile(path) as archive:  # which reads no more than the sizes that it states
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MOST_BYTES:
+            raise ValueError(f"its arrays have {size} bytes, more than {MOST_BYTES}")
         file = np.load(BytesIO(path.read_bytes()), allow_pickle=False)
         stored = {name: file[name] for name in file.files}
     header = _header(stored.pop("header", None), source)
@@ -227,7 +233,7 @@ def _header(stored: NDArray[Any] | None, source: str) -> _Header:
         raise BadFile(source, "has no header: not a recording", remedy)
     try:
         return msgspec.json.decode(str(stored), type=_Header)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise BadFile(source, f"bad header: {error}", remedy) from None
 
 

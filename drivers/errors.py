@@ -3,6 +3,7 @@
 Malformed data from a device are never raised: drivers count them in their statistics.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,6 +27,15 @@ def exception_text(error: BaseException) -> str:
 def describe_exception(error: BaseException) -> str:
     """Type and text of an exception, in one line."""
     return one_line(f"{type(error).__name__}: {exception_text(error)}")
+
+
+@contextmanager
+def counted(hidden: Counter[str], kind: type[BaseException] = Exception) -> Iterator[None]:
+    """Ignore an exception of the block, as a run must go on, and count it in ``hidden``."""
+    try:
+        yield
+    except kind as error:
+        hidden[describe_exception(error)] += 1
 
 
 @contextmanager

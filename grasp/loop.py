@@ -6,12 +6,11 @@ a step's result only the commands and their devices.
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost
+from drivers.errors import GraspError, LinkLost, counted
 from drivers.interfaces import (
     Applied,
     Arm,
@@ -141,6 +140,7 @@ class ControlLoop:
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
         self.timing = Timing()
+        self.hidden = step.hidden  # exceptions that were ignored, with their number
         self.errors: dict[str, Fault] = {}  # the first error of each device, in their order
         self.set_down = False  # set by the experiment to request the set-down of a held object
         self._devices = devices
@@ -252,12 +252,13 @@ class ControlLoop:
             for poll in (self._poll_gripper, self._poll_arm):
                 self._call_suppressed(partial(poll, self._clock.now_ns))
             due = (stop, *hand)
-            with suppress(Exception):  # of the step, or of another package's device
+            with counted(self.hidden):  # of the step, or of another package's device
                 due = self._commands_to_repeat(due, start_ns)
         self._prepare_fallback(None)
-        with suppress(Exception):
-            return self._present()
-        return self._last
+        left = self._last
+        with counted(self.hidden):
+            left = self._present()
+        return left  # noqa: RET504  (what is left where the line before raises)
 
     def _commands_to_repeat(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
         """Commands to repeat; none once arm and hand have confirmed. A closing in progress is not
@@ -269,11 +270,10 @@ class ControlLoop:
         again = due[:1] if closes else due
         return again if any(self._step.controller.unconfirmed_parts(present.observation)) else ()
 
-    @staticmethod
-    def _call_suppressed(act: Callable[[], None]) -> None:
-        """Call and ignore any exception: a failing device must not block the next one."""
+    def _call_suppressed(self, act: Callable[[], None]) -> None:
+        """Call and count any exception: a failing device must not block the next one."""
         signals.check(end=False)
-        with suppress(BaseException):
+        with counted(self.hidden, BaseException):
             act()
 
     def _send_at_once(self, command: Command) -> None:

@@ -6,7 +6,7 @@ that depends on the wall clock, so that equal runs give equal bytes.
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -20,17 +20,24 @@ from grasp.loop import Tick
 from grasp.observation import Observation, StepInput
 from grasp.states import PhaseChange
 
+Int16 = Annotated[int, msgspec.Meta(ge=-(2**15), lt=2**15)]
+
 
 class TactileMessage(msgspec.Struct, frozen=True):
     """Tactile frame. counts, raw and temperature are row-major (finger, taxel), 18 values each."""
 
     seq: int
     sampled_ns: int
-    counts: list[int]
-    raw: list[int]
-    temperature: list[int]
+    counts: list[Int16]
+    raw: list[Int16]
+    temperature: list[Int16]
     missed: int
     stale: bool
+
+    def __post_init__(self) -> None:
+        values = len(self.counts)
+        if not values or values % FINGERS or {len(self.raw), len(self.temperature)} != {values}:
+            raise ValueError("counts, raw and temperature are not of equal fingertips")
 
 
 Number = float | None  # null in place of NaN, which JSON does not have

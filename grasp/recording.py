@@ -8,20 +8,22 @@ writer that is killed leaves a file without an index, whose complete chunks can 
 import io
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
 import msgspec
 import numpy as np
+import zstandard
 from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from drivers.errors import BadFile
 from grasp.files import private_opener
-from grasp.mcap_writer import McapWriter
+from grasp.mcap_writer import COMPRESSION, McapWriter
 
 LIBRARY = "grasp-controller"  # without version, which is in the metadata
 METADATA_NAME = "run"
@@ -30,6 +32,10 @@ PATH_REMEDY = (
     "give a run's folder, such as runs/NAME (`grasp runs` lists the names), or its .mcap file"
 )
 CHUNK_MESSAGES = 200  # most that a kill of the process loses: about 0.4 s of a run
+# Bounds of what is read, unpacked. A run has 0.3 MB/s and lasts an hour at most (``deadline_s``).
+# Its chunks have 0.1 MB, and compression makes it six times smaller.
+MOST_CHUNK_BYTES, MOST_BYTES, MOST_RATIO = 8_000_000, 1_200_000_000, 100
+RECORD_BYTES = 128  # counted for every record beside its content
 
 Channels = Mapping[str, type[msgspec.Struct]]
 _Schema = dict[str, Any]
@@ -209,7 +215,7 @@ class RunRecording:
     def _decode(self, topic: str, data: bytes) -> Any:
         try:
             return self._decoders[topic].decode(data)
-        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             remedy = "read it with the version that recorded it (see the file's metadata)"
             problem = f"a message on {topic} does not fit: {error}"
             raise BadFile(self.path, problem, remedy) from error
@@ -227,19 +233,46 @@ def _records(path: Path) -> Iterator[McapRecord]:
     if path.is_char_device():  # may be endless
         raise BadFile(path, "is no file", PATH_REMEDY)
     try:
-        data = path.read_bytes()
+        size = path.stat().st_size
+        data = path.read_bytes() if size <= MOST_BYTES else b""
     except OSError as error:
         raise BadFile(path, str(error.strerror), PATH_REMEDY) from error
+    if size > MOST_BYTES:
+        raise BadFile(path, f"{size} bytes, more than {MOST_BYTES}", PATH_REMEDY)
     if not data.startswith(MCAP0_MAGIC):
         problem = "is no MCAP recording" if data else "is empty: its writer never started"
         raise BadFile(path, problem, PATH_REMEDY)
+    total, most = len(data), min(MOST_BYTES, MOST_CHUNK_BYTES + MOST_RATIO * len(data))
     try:
-        yield from StreamReader(_Truncated(data), validate_crcs=True).records
+        for record in StreamReader(_Truncated(data), emit_chunks=True, validate_crcs=True).records:
+            records = [record]
+            if isinstance(record, Chunk):
+                total += record.uncompressed_size
+                records = breakup_chunk(_unpacked(record), validate_crc=True)
+            total += RECORD_BYTES * len(records)
+            if total > most:
+                raise ValueError(f"it unpacks to more than {most} bytes")
+            yield from records
     except EndOfFile:
         return  # without a footer
     except Exception as error:  # the library has no base class for errors of damaged files
         remedy = "record again, or restore the file from a copy"
         raise BadFile(path, f"damaged recording: {error}", remedy) from error
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """The chunk without compression. The library would unpack it to any size. Raises ValueError."""
+    size, data = chunk.uncompressed_size, chunk.data
+    if size > MOST_CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes, more than {MOST_CHUNK_BYTES}")
+    if chunk.compression == COMPRESSION:  # one byte more shows a chunk that is larger than it says
+        decompressor = zstandard.ZstdDecompressor(max_window_size=1 << 27)
+        data = decompressor.stream_reader(data).read(size + 1)
+    elif chunk.compression:
+        raise ValueError(f"a chunk with compression {chunk.compression!r:.20}, not {COMPRESSION}")
+    if len(data) != size:
+        raise ValueError(f"a chunk does not unpack to the {size} bytes that it states")
+    return replace(chunk, compression="", data=data)
 
 
 class _Truncated(io.BytesIO):

@@ -5,8 +5,8 @@ a run in virtual time and a replay all use it. The result depends only on presen
 inputs: no clock, no sleep, no I/O.
 """
 
+from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from itertools import compress
 
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.interface import SlipDetector
-from drivers.errors import GraspError, describe_exception, one_line
+from drivers.errors import GraspError, counted, describe_exception, one_line
 from drivers.interfaces import GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
 from grasp.fault import Fault
 from grasp.guard import ForceGuard
-from grasp.monitors.checks import Monitors, failed, invalid_probabilities
+from grasp.monitors.checks import DETECTOR_FAILED, Monitors, failed, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import NO_SLIP, Observation
 from grasp.states import OPEN_STATES, UNTARED_STATES
@@ -59,6 +59,7 @@ class GraspStep:
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
         self.last_close: CloseFast | None = None  # the closing that was admitted last
         self._tared = False  # counts are relative to rest counts that this run has taken
+        self.hidden = Counter[str]()  # exceptions that were ignored, with their number
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
 
     def decide(self, obs: Observation) -> StepResult:
@@ -151,7 +152,7 @@ class GraspStep:
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         if max(probabilities.tolist()) > SLIP_LIKELY:
-            with suppress(Exception):  # only recorded, so a bug must not end a run
+            with counted(self.hidden):  # only recorded, so a bug must not end a run
                 return self._motion()
         return None
 
@@ -169,4 +170,4 @@ class GraspStep:
 
 def _failed(bug: BaseException) -> Fault:
     text = one_line(bug.message) if isinstance(bug, GraspError) else describe_exception(bug)
-    return failed("detector_failed", how=text)
+    return failed(DETECTOR_FAILED, how=text)

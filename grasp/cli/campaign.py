@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from detector.scores.quantiles import Quantiles
-from drivers.errors import UsageError
+from drivers.errors import UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.options import workers
 from grasp.cli.output import print_json, progress
@@ -131,6 +131,8 @@ def print_summary(summary: Summary) -> None:
         f"{_plural(summary.trials, 'trial')}, {_plural(summary.errors, 'error')}, "
         f"{summary.cpu_s:g} s of CPU time"
     )
+    if summary.first_error:
+        console.print(f"first error: {one_line(summary.first_error)}", markup=False)
     if len(summary.versions) > 1:
         console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
 

@@ -127,9 +127,12 @@ def _follow(
 
 
 def _say_reported(result: Any) -> None:
-    """Print faults that would have ended the run if `monitors.mode` were not "report"."""
+    """Print faults that would have ended the run if `monitors.mode` were not "report", and
+    exceptions that were ignored."""
     for fault in result.reported:
         exits.report_line(f"seed {result.seed}, would have ended the run: {fault.line}")
+    for text, number in result.hidden.items():
+        exits.report_line(f"seed {result.seed}, a bug that was ignored {number} times: {text}")
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:

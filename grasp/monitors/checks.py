@@ -23,13 +23,14 @@ from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 ALWAYS = frozenset(State)
 TOUCHING = ALWAYS - OPEN_STATES  # contact of some fingertip is possible
 STARTED = ALWAYS - {State.START}
-STOOD_STILL = "loop_stood_still"
+STOOD_STILL, DETECTOR_FAILED = "loop_stood_still", "detector_failed"
 
 REMEDIES = {
     ARM: "look at the arm and its pendant, then run `grasp doctor`",
     GRIPPER: "look at the hand, its power and who else commands it, then run `grasp doctor`",
     FINGERTIPS: "look at the fingertips, their cable and their board, then run `grasp doctor`",
     DETECTOR: "choose another detector (--detector), or end what else this computer does",
+    DETECTOR_FAILED: "correct the detector (docs/extending.md), or choose another (--detector)",
     LOOP: "this computer stood still: end what else it does, then start the run again "
     "(docs/first-day.md)",
 }
@@ -78,14 +79,14 @@ CHECKS = {
         "more than half of the taxels of finger {finger} no longer change", GRIPPED_STATES),
     "fingertips_slow": Check(FINGERTIPS,  # found by the run monitor
         "too few samples for rest counts within {seconds:g} s", vital=True),
-    "detector_failed": Check(DETECTOR, "{how}", vital=True),  # found by the step
+    DETECTOR_FAILED: Check(DETECTOR, "{how}", vital=True),  # found by the step
 }  # fmt: skip
 
 
 def failed(code: str, **data: float | str) -> Fault:
     """Make the fault of a failed check; ``data``: the fields of its message."""
     device, text = CHECKS[code].device, CHECKS[code].message.format(**data)
-    return Fault(code, device, text, REMEDIES[device], data, IMPLAUSIBLE)
+    return Fault(code, device, text, REMEDIES.get(code, REMEDIES[device]), data, IMPLAUSIBLE)
 
 
 def implausible(faults: Iterable[Fault], device: str) -> bool:
@@ -154,9 +155,9 @@ def invalid_probabilities(output: object) -> Fault | None:
     """The fault of a detector's output; None if it is one probability a finger."""
     shape = getattr(output, "shape", type(output).__name__)
     if not isinstance(output, np.ndarray) or shape != (FINGERS,):
-        return failed("detector_failed", how=f"its output has shape {shape}, not ({FINGERS},)")
+        return failed(DETECTOR_FAILED, how=f"its output has shape {shape}, not ({FINGERS},)")
     if output.dtype.kind in "fiub":
         a, b, c = output.tolist()
         if 0.0 <= a <= 1.0 and 0.0 <= b <= 1.0 and 0.0 <= c <= 1.0:
             return None
-    return failed("detector_failed", how=f"{output.tolist()} are no probabilities")
+    return failed(DETECTOR_FAILED, how=f"{output.tolist()} are no probabilities")

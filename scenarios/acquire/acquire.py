@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from detector.recordings import SUFFIX, Metadata, write
-from drivers.errors import CouldNotRecord, GraspError
+from drivers.errors import CouldNotRecord, GraspError, describe_exception
 from drivers.interfaces import PERIOD_S
 from grasp import signals
 from grasp.messages import (
@@ -226,8 +226,8 @@ def _stopped(session: Session) -> FinalState:
     """Stop the arm; returns the final state."""
     try:
         arm = session.stop_arm()
-    except Exception:  # perhaps the error that ended the session
-        arm = "the arm may still move: the stop command failed"
+    except Exception as error:  # perhaps the error that ended the session
+        arm = f"the arm may still move: the stop command failed: {describe_exception(error)}"
     return FinalState(arm, "no command was sent to the hand", "")
 
 

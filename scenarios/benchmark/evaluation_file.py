@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -49,6 +49,10 @@ class SlipTrace(msgspec.Struct, frozen=True):
     probabilities: list[float]
     slipping: list[tuple[float, float]]  # from, to
 
+    def __post_init__(self) -> None:
+        if {len(self.probabilities), *map(len, self.pressed)} != {len(self.t_s)}:
+            raise ValueError("t_s, pressed and probabilities have different lengths")
+
 
 class DetectorEvaluation(msgspec.Struct, frozen=True):
     """Evaluation of a detector with a rule; ``sheet`` is the output of `--json`."""
@@ -70,7 +74,7 @@ class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
     label: LabelName
     command: str
     versions: dict[str, str]
-    detectors: list[DetectorEvaluation]
+    detectors: Annotated[list[DetectorEvaluation], msgspec.Meta(min_length=1)]
 
 
 def read_evaluation(path: Path) -> EvaluationFile:

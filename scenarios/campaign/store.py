@@ -33,6 +33,12 @@ DAMAGED = "restore it from a copy, or run the campaign again into another --out"
 FREE = "free disk space or close other users of the file, then continue with --resume"
 DISK_ERRORS = ("SQLITE_IOERR", "SQLITE_FULL", "SQLITE_BUSY")
 HEADER = b"SQLite format 3\0"
+TABLES = {
+    "campaign": "CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)",
+    "configs": "CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT)",
+    "trials": f"CREATE TABLE trials ({COLUMNS[0]} INTEGER PRIMARY KEY, {', '.join(COLUMNS[1:])})",
+}
+MOST_STEPS, STEPS = 3_000, 1_000_000  # of SQLite, which then gives up: about half a minute
 
 
 @contextmanager
@@ -78,6 +84,8 @@ class CampaignStore:
         uri = f"{path.absolute().as_uri()}?mode=rw"
         self._db = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)
         self._resources.callback(self._db.close)
+        left = iter(range(MOST_STEPS))
+        self._db.set_progress_handler(lambda: next(left, None) is None, STEPS)
 
     def __enter__(self) -> Self:
         return self
@@ -135,15 +143,18 @@ class CampaignStore:
 
     def _check(self) -> None:
         """Raises BadFile unless this is an undamaged campaign of this format."""
-        tables = {row[0] for row in self._db.execute("SELECT name FROM sqlite_master")}
-        if not {"campaign", "configs", "trials"} <= tables:
+        stored = "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL LIMIT 10"
+        made = sorted(row[0] for row in self._db.execute(stored))
+        if TABLES["campaign"] not in made:
             raise BadFile(self.path, "not a campaign", FOREIGN)
-        known = dict(self._db.execute("SELECT key, value FROM campaign").fetchall())
+        known = dict(self._db.execute("SELECT key, value FROM campaign LIMIT 10").fetchall())
         if known.get("format") != FORMAT:
             raise BadFile(
                 self.path, f"format {known.get('format')!r}, this version reads {FORMAT!r}",
                 "open it with the version that created it, or run the campaign again",
             )  # fmt: skip
+        if made != sorted(TABLES.values()):  # a view, for example, may be endless
+            raise BadFile(self.path, "not a campaign: it has other tables or views", FOREIGN)
         (sound,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
         if sound != "ok":
             raise BadFile(self.path, f"damaged: {sound}", DAMAGED)
@@ -153,7 +164,7 @@ class CampaignStore:
         """The resolved settings of every combination, by their hash."""
         with _read_errors(self.path):
             found = self._db.execute("SELECT config_hash, settings FROM configs").fetchall()
-            return {digest: msgspec.json.decode(text) for digest, text in found}
+            return {k: msgspec.json.decode(str(text), type=dict[str, Any]) for k, text in found}
 
     def finished(self) -> set[int]:
         """Numbers of the trials that finished without an error."""
@@ -197,7 +208,10 @@ class CampaignStore:
             columns = ", ".join(COLUMNS)
             found = self._db.execute(f"SELECT {columns} FROM trials ORDER BY 1").fetchall()
             tables = (dict(zip(COLUMNS, values, strict=True)) for values in found)
-            return [msgspec.convert(table, Row, strict=False) for table in tables]
+            rows = [msgspec.convert(table, Row, strict=False) for table in tables]
+            for text in {text for row in rows for text in (row.swept, row.versions or "{}")}:
+                msgspec.json.decode(text, type=dict[str, Any])
+            return rows
 
     def write_csv(self, out: TextIO) -> None:
         """All rows as CSV, without the nested columns `result` and `timing`."""
@@ -209,13 +223,11 @@ class CampaignStore:
 
 def _new_file(spec: CampaignSpec, grid: Sequence[Combination]) -> bytes:
     """Content of a campaign's file without rows."""
-    trial, *others = COLUMNS
     configs = {c.config.digest(): msgspec.json.encode(c.config).decode() for c in grid}
     known = [("format", FORMAT), ("spec", msgspec.json.encode(spec).decode())]
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
-        db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)")
-        db.execute("CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT)")
-        db.execute(f"CREATE TABLE trials ({trial} INTEGER PRIMARY KEY, {', '.join(others)})")
+        for statement in TABLES.values():
+            db.execute(statement)
         db.executemany("INSERT INTO campaign VALUES (?, ?)", known)
         db.executemany("INSERT INTO configs VALUES (?, ?)", configs.items())
         return db.serialize()

@@ -90,6 +90,7 @@ class Summary(msgspec.Struct, frozen=True):
     name: str
     trials: int
     errors: int
+    first_error: str  # its last line
     cpu_s: float
     variants: list[Variant]
     versions: list[str]
@@ -104,10 +105,12 @@ def summarize(name: str, rows: Sequence[Row]) -> Summary:
         name=name,
         trials=len(rows),
         errors=sum(row.status == "error" for row in rows),
+        first_error=next((row.error.strip().rpartition("\n")[2] for row in rows
+                          if row.status == "error" and row.error), ""),
         cpu_s=round(sum(row.cpu_s or 0.0 for row in rows), 1),
         variants=[_variant(key, group) for key, group in groups.items()],
         versions=sorted({row.versions for row in rows if row.versions}),
-    )
+    )  # fmt: skip
 
 
 def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:

@@ -4,11 +4,12 @@ import tempfile
 import time
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from grasp.fault import INTERRUPTED
+from grasp.monitors.checks import DETECTOR_FAILED
 from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
@@ -25,7 +26,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One row of the campaign's table; docs/data-formats.md explains the columns."""
 
     trial: int
-    scenario: str
+    scenario: Literal["lift", "tap"]
     object: str
     profile: str
     detector: str
@@ -66,7 +67,8 @@ class Finished(msgspec.Struct, frozen=True):
 
 
 def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | None]:
-    """Run and judge one trial. Raises RuntimeError for an internal error, KeyboardInterrupt."""
+    """Run and judge one trial. Raises RuntimeError for an internal error or one of the detector,
+    KeyboardInterrupt."""
     finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.run_config, trial.seed, runs)
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:
@@ -75,6 +77,9 @@ def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | Non
         raise RuntimeError(result.bug.traceback)
     if result is None or (failure is not None and failure.kind == "internal"):
         raise RuntimeError("no result" if failure is None else failure.message)
+    broken = next((f.line for f in result.faults if f.code == DETECTOR_FAILED), None)
+    if broken is not None:  # a trial without a working detector has no verdict
+        raise RuntimeError(broken)
     return result, failure
 
 

@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import BadFile, ConfigError
+from grasp.settings import Layer, load
+from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
-from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.store import DAMAGED, CampaignStore
 from scenarios.campaign.summary import TABLE_IV, TRIALS, Variant, paper_rate, summarize, wilson
 from scenarios.campaign.summary import Cell as Counted
 from scenarios.campaign.worker import Row
@@ -17,6 +20,7 @@ from scenarios.report.run_settings import command_of
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 
+FIELDS = RunConfig.__struct_fields__
 MOST_FAILURES = 400  # listed, to limit the size of the page
 GOOD = ("held", "registered")  # prefixes of successful outcomes
 TITLES = {"lift": "Object lift", "tap": "Mallet tap"}
@@ -37,6 +41,12 @@ def campaign_page(file: Path, out: Path) -> str:
         for scenario in dict.fromkeys(row.scenario for row in rows)
     ]  # fmt: skip
     failed = [row for row in rows if _failed(row)]
+    for digest in {row.config_hash for row in failed}:
+        known = settings.get(digest, {})
+        try:
+            load(RunConfig, [Layer(digest, {k: v for k, v in known.items() if k in FIELDS})])
+        except (ConfigError, RecursionError) as error:
+            raise BadFile(file, f"settings do not fit this version: {error}", DAMAGED) from None
     shown = [_failure(spec, row, settings[row.config_hash], file, out)
              for row in failed[:MOST_FAILURES]]  # fmt: skip
     headings = ("trial", "what", "outcome", "seed", "slip, mm", "recording", "again")
@@ -177,11 +187,14 @@ def _failure(
     files = []
     if recording is not None:
         files = [("page", recording.with_suffix(".html")), ("recording", recording)]
-    folder = out.parent.resolve()
-    links = [(what, os.path.relpath(at.resolve(), folder)) for what, at in files if at.is_file()]
+    folder, own = out.parent.resolve(), file.parent.resolve()
+    links = [
+        (what, os.path.relpath(at.resolve(), folder)) for what, at in files
+        if at.resolve().is_relative_to(own) and at.is_file()  # no link out of the campaign's folder
+    ]  # fmt: skip
     swept = json.loads(row.swept)
     varied = ", ".join(f"{key} = {swept[key]}" for key in spec.sweep if key in swept)
-    error = row.error.strip().splitlines()[-1] if row.error else ""
+    error = ((row.error or "").strip().splitlines() or [""])[-1]
     slip_mm = "" if row.slip_distance_m is None else f"{1e3 * row.slip_distance_m:.1f}"
     controller = settings["controller"] | {"keep": not row.set_down}
     command = command_of(settings | {"controller": controller}, str(row.seed), configured=False)

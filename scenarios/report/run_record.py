@@ -141,7 +141,7 @@ def read_run(path: Path) -> RunRecord:
         verdict=verdict,
         verdict_problem=problem,
         t_s=np.array(times) * 1e-9,
-        probabilities=np.array([m.probabilities for _, m in steps], np.float64),
+        probabilities=_rows(recording, CONTROL, times, lambda m: m.probabilities, FINGERS),
         estimated_n=np.array([m.estimated_n for _, m in steps]),
         counts=_counts(recording, times),
         fingers_counts=_rows(recording, GRIPPER, times, lambda state: state.positions, FINGERS),
@@ -197,15 +197,20 @@ def _rows(
     recording: RunRecording, topic: str, times: Sequence[int],
     row: Callable[[Any], Sequence[float]], width: int,
 ) -> Floats:  # fmt: skip
-    """Rows (n, width) of a channel's messages at the steps' ``times``; NaN where there is none."""
+    """Rows (n, width) of a channel's messages at the steps' ``times``; NaN where there is none.
+    Raises BadFile for a message with another number of values."""
     found = {t_ns: row(message) for t_ns, message in recording.of(topic)}
+    if other := {len(values) for values in found.values()} - {width}:
+        problem = f"a message on {topic} has {other.pop()} values, not {width}"
+        raise BadFile(recording.path, problem, "record again, or restore the file from a copy")
     empty = [math.nan] * width
     return np.array([found.get(t_ns, empty) for t_ns in times], np.float64)
 
 
 def _counts(recording: RunRecording, times: Sequence[int]) -> Floats:
     first: TactileMessage | None = next((m for _, m in recording.of(TACTILE)), None)
-    width = FINGERS * KIT_TAXELS if first is None else len(first.counts)
+    taxels = KIT_TAXELS if first is None else len(first.counts) // FINGERS
+    width = FINGERS * max(1, taxels)
     rows = _rows(recording, TACTILE, times, lambda message: message.counts, width)
     return rows.reshape(len(times), FINGERS, -1)
 

@@ -10,7 +10,7 @@ import msgspec
 
 from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_reader
-from drivers.errors import ConfigError, GraspError
+from drivers.errors import ConfigError, GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
 from grasp.contact_estimator import Stiffness
@@ -250,6 +250,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "faults": self.faults,
             "reported": self.trace.reported,
             "bug": self.bug,
+            "hidden": dict(self.loop.hidden),
             "home_m": self.home,
             "physics": config.physics(seed),
         }
@@ -283,7 +284,7 @@ def run_trial(
     def take(tick: Tick) -> None:
         if bugs:  # any of these calls may have raised: the safe state does not need them
             trace.add(tick, None)
-            with suppress(Exception):
+            with counted(loop.hidden):
                 watch(tick, None, controller)
             return
         truth = look()
@@ -301,7 +302,7 @@ def run_trial(
             trace,
         )  # fmt: skip
     final, stalls = None, Stalls()
-    with suppress(Exception) if bugs else nullcontext():
+    with counted(loop.hidden) if bugs else nullcontext():
         final = look()
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
@@ -337,7 +338,7 @@ def _abort(loop: ControlLoop, trace: Trace) -> None:
     left = loop.abort()
     if left is not None:
         trace.last = left
-        with suppress(Exception):
+        with counted(loop.hidden):
             trace.add(left, None)
 
 

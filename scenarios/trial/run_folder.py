@@ -229,11 +229,12 @@ def _json(value: Any) -> str:
 
 
 def could_not_record(path: Path, error: BaseException) -> CouldNotRecord:
-    text = getattr(error, "strerror", None) or str(error)
-    return CouldNotRecord(
-        f"{path}: the run could not be recorded: {text}",
-        "free disk space or choose another folder with --runs",
-    )
+    """The error for an exception while recording: of the disk, or a bug."""
+    text, remedy = Bug.of(error).fault.message, REPORT
+    if isinstance(error, OSError):
+        text = error.strerror or str(error)
+        remedy = "free disk space or choose another folder with --runs"
+    return CouldNotRecord(f"{path}: the run could not be recorded: {text}", remedy)
 
 
 def _new_folder(runs: Path, name: str) -> Path:

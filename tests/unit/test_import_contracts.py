@@ -153,7 +153,7 @@ LATE = (
     "grasp/__init__.py",
     "grasp/cli/",
     "scenarios/testing/plugin.py",
-    "detector/network.py",  # compiled networks: where they cannot be compiled, ONNX Runtime is used
+    "detector/network",  # compiled networks: where they cannot be compiled, ONNX Runtime is used
     # what a device is driven with imports the compiled world only where there is one
     "scenarios/acquire/session.py",
     "scenarios/rigs/opening.py",

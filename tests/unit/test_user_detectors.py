@@ -43,6 +43,21 @@ def test_user_detector_in_a_lift_its_replay_and_its_page(
     assert "mine.py:Vibration" in page.read_text()
 
 
+def test_trials_in_which_a_detector_raised_are_errors_with_its_line(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    path, spec = tmp_path / "mine.py", tmp_path / "spec.toml"
+    lines = WHOLE.replace("self.n += 1", "assert not counts.any()\n        self.n += 1")
+    path.write_text(lines)
+    spec.write_text('name = "broken"\nscenarios = ["lift"]\nobjects = ["can"]\nrepetitions = 1\n')
+    words = ["campaign", "run", str(spec), "--detector", f"{path}:Mine", "--jobs", "1"]
+    assert main([*words, "--out", str(tmp_path / "a.sqlite")]) == 1
+    shown = capsys.readouterr().out
+    line = 1 + lines.splitlines().index("        assert not counts.any()")
+    assert "1 trial, 1 error" in shown
+    assert f"detector_failed: {path}, line {line}: update raised AssertionError" in shown
+
+
 def test_a_recording_does_not_run_code_that_was_not_named(
     mine: str, tmp_path: Path, capsys: Capture
 ) -> None:

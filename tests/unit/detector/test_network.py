@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 
+from detector import network_file
 from detector.interface import load_detector
 from detector.network import run_network
-from detector.network_file import (
-    read_network,
-)
+from detector.network_file import read_network
 from detector.scores.evaluation import stream
 from drivers.errors import BadFile, UsageError
 from grasp.cli.main import main
@@ -121,6 +120,64 @@ def test_damaged_or_foreign_file_is_refused_with_its_path(tmp_path: Path) -> Non
             read_network(path)
         assert str(path) in caught.value.message, how
         assert "grasp detector train" in caught.value.remedy, how
+
+
+@pytest.mark.parametrize(
+    ("how", "named", "remedy"),
+    [
+        ("ir", r"has IR version 99; ONNX Runtime here reads up to \d+", "IR version"),
+        ("opset", r"has opset version 99; ONNX Runtime here reads up to \d+", "opset version"),
+        ("operator", "cannot run it: .*No Op registered for Unknown", "docs/extending.md"),
+        ("output", "no output 'probability'; its outputs are .'slip', 'next_state0'", "extending"),
+        ("loop", "has a Loop, which may never end", "docs/extending.md"),
+        ("input", "input 'counts' has 1099511627776 numbers", "docs/extending.md"),
+        ("memory", "cannot run it: .*alloc", "docs/extending.md"),
+    ],
+)
+def test_a_foreign_graph_is_refused_with_its_cause(
+    tmp_path: Path, how: str, named: str, remedy: str
+) -> None:
+    path = write_network(tmp_path, "tcn")
+    model = onnx.load(path)
+    del model.metadata_props[:]
+    nodes = model.graph.node
+    if how == "ir":
+        model.ir_version = 99
+    elif how == "opset":
+        model.opset_import[0].version = 99
+    elif how == "operator":
+        nodes[0].op_type = "Unknown"
+    elif how == "output":
+        model.graph.output[0].name = "slip"
+        nodes.append(helper.make_node("Identity", ["probability"], ["slip"]))
+    elif how == "input":
+        model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = 2**40
+    elif how == "loop":
+        nodes.append(helper.make_node("Loop", ["", ""], []))
+    else:
+        nodes.append(helper.make_node("ConstantOfShape", ["shape"], ["zeros"]))
+        nodes.append(helper.make_node("ReduceMax", ["zeros"], ["largest"], keepdims=0))
+        model.graph.initializer.append(numpy_helper.from_array(np.full(3, 3000), "shape"))
+        model.graph.output.append(helper.make_empty_tensor_value_info("largest"))
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(BadFile, match=named) as caught:
+        read_network(path)
+    assert remedy in caught.value.remedy
+
+
+def test_the_first_run_of_a_foreign_graph_has_a_time_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_network(tmp_path, "tcn")
+    model = onnx.load(path)
+    del model.metadata_props[:]
+    model.graph.node.append(helper.make_node("Cos", ["counts"], ["unused"]))
+    path.write_bytes(model.SerializeToString())
+    assert read_network(path).inputs["counts"] == (6,)
+    network_file.problem_in_a_child.cache_clear()
+    monkeypatch.setattr(network_file, "MOST_RUN_S", 1e-3)
+    with pytest.raises(BadFile, match=r"a run takes more than 0\.001 s"):
+        read_network(path)
 
 
 def test_one_changed_byte_is_detected(tmp_path: Path) -> None:

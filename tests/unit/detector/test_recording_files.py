@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector import recordings
 from detector.recordings import Metadata, Recording, read, read_dataset, write
 from drivers.errors import BadFile
 
@@ -119,6 +120,8 @@ def test_a_bad_header_is_refused(good: Path) -> None:
     for header, problem in [
         ("{", "bad header"),
         ("[]", "bad header"),
+        ('{"a":' * 100_000, "bad header"),
+        ("\ud800", "bad header"),
         (
             '{"format": "grasp-recording", "version": 1, "metadata": null}',
             "value 1 - at `$.version`",
@@ -128,6 +131,14 @@ def test_a_bad_header_is_refused(good: Path) -> None:
     ]:
         rewrite(good, header=np.array(header))
         assert problem in refused(good).problem, (header, problem)
+
+
+def test_arrays_of_gigabytes_are_refused_unread(
+    good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recordings, "MOST_BYTES", 100_000)
+    rewrite(good, counts=np.zeros((10_000, 3, 6), np.int16))
+    assert "bytes, more than 100000" in refused(good).problem
 
 
 def test_wrong_arrays_are_refused(good: Path) -> None:

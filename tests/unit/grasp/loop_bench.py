@@ -1,5 +1,6 @@
 """Fake devices, step and clock of a control loop, which record its calls."""
 
+from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,6 +45,7 @@ class Bench:
             last_close=None,
             admit=lambda command, state: command,
             fallback=lambda state: self.fallback,
+            hidden=Counter[str](),
         )
         self.frame: Any = frame()
         hand = SimpleNamespace(

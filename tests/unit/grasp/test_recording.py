@@ -3,6 +3,7 @@
 import math
 import os
 import resource
+import tracemalloc
 from collections.abc import Iterator
 from enum import IntEnum
 from itertools import count
@@ -12,8 +13,10 @@ from typing import Literal
 import msgspec
 import pytest
 import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC, Writer
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState
@@ -171,6 +174,32 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     data[len(data) // 3] ^= 0xFF
     path.write_bytes(data)
     with pytest.raises(BadFile, match="damaged"):
+        RunRecording(path, CHANNELS)
+
+
+@pytest.mark.parametrize("stated", [20_000_000, 1_000])
+def test_a_chunk_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path, stated: int) -> None:
+    packed = zstandard.compress(bytes(20_000_000))
+    builder = RecordBuilder()
+    builder.write(MCAP0_MAGIC)
+    Chunk("zstd", packed, 0, 0, 0, stated).write(builder)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(builder.end())
+    tracemalloc.start()
+    with pytest.raises(BadFile, match=f"chunk .*{stated} bytes"):
+        RunRecording(path, CHANNELS)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+def test_many_chunks_that_unpack_to_too_much_are_refused(tmp_path: Path) -> None:
+    builder = RecordBuilder()
+    builder.write(MCAP0_MAGIC)
+    for _ in range(30):
+        Chunk("zstd", zstandard.compress(bytes(900_000)), 0, 0, 0, 900_000).write(builder)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(builder.end())
+    with pytest.raises(BadFile, match=r"unpacks to more than 8\d{6} bytes"):
         RunRecording(path, CHANNELS)
 
 

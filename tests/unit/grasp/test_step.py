@@ -456,6 +456,14 @@ def motion_after(output: NDArray[np.float64], motion: Callable[[], Motion | None
     return step.decide(step_input(frame(-1))).observation
 
 
+def test_a_bug_in_the_kind_of_slip_ends_no_run_and_is_counted() -> None:
+    guard, controller = cast(ForceGuard, FakeGuard()), cast(GraspController, FakeController())
+    step = GraspStep(FakeDetector(lambda: SURE), controller, guard, motion=lambda: {}[1])
+    observation = step.decide(step_input(frame(-1))).observation
+    assert [observation.motion(), observation.motion()] == [None, None]
+    assert step.hidden == {"KeyError: 1": 2}
+
+
 def test_kind_of_slip_is_read_only_when_slip_is_likely() -> None:
     assert motion_after(SURE, lambda: MOTION).motion() == MOTION
     assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion() is None

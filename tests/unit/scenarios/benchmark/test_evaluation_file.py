@@ -68,6 +68,12 @@ def test_evaluation_file_is_read_back_and_another_file_is_refused(tmp_path: Path
     path = tmp_path / "one.json"
     path.write_bytes(msgspec.json.encode(file))
     assert read_evaluation(path) == file
-    path.write_text('{"format": "something"}')
-    with pytest.raises(BadFile, match="is not an evaluation"):
-        read_evaluation(path)
+    whole = path.read_bytes()
+    for other in (
+        b'{"format": "something"}',
+        msgspec.json.encode(msgspec.structs.replace(file, detectors=[])),
+        whole.replace(b'"probabilities":[', b'"probabilities":[0.5,'),
+    ):
+        path.write_bytes(other)
+        with pytest.raises(BadFile, match="is not an evaluation"):
+            read_evaluation(path)

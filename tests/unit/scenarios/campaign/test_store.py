@@ -21,6 +21,7 @@ from scenarios.campaign.worker import Finished, error_row
 from scenarios.rigs.workers import Workers
 
 MANY = ", ".join(f"{i}e-6" for i in range(60_000))
+ENDLESS = "WITH RECURSIVE n(key) AS (SELECT 1 UNION ALL SELECT key FROM n) SELECT key FROM n"
 SPEC = CampaignSpec(name="two", objects=("can", "ball"), repetitions=3)
 
 
@@ -49,6 +50,8 @@ def copy(whole: Path, tmp_path: Path) -> Path:
 
 def change(path: Path, statement: str) -> None:
     with closing(sqlite3.connect(path)) as db:
+        if statement.startswith("CREATE VIEW"):
+            db.execute(f"DROP TABLE {statement.split()[2]}")
         db.execute(statement)
         db.commit()
 
@@ -93,6 +96,9 @@ def test_unusual_values_are_stored_and_read(whole: Path) -> None:
         ("UPDATE campaign SET value = replace(value, 'objects', 'object')", "object"),
         ("UPDATE campaign SET value = 'grasp-campaign 1' WHERE key = 'format'", "run the campaign"),
         ("DROP TABLE configs", "not a campaign"),
+        (f"CREATE VIEW trials AS {ENDLESS}", "not a campaign"),
+        (f"CREATE VIEW campaign AS {ENDLESS}", "not a campaign"),
+        ("UPDATE trials SET swept = '[]'", "cannot be read"),
     ],
 )
 def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(

@@ -3,12 +3,15 @@
 import json
 import re
 import shlex
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
+from drivers.errors import BadFile
 from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
@@ -96,3 +99,22 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
 def test_html_in_a_foreign_text_is_escaped(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page
+
+
+@pytest.mark.parametrize("target", ["../secret.txt", "file:///etc/passwd", "javascript:alert(1)"])
+def test_links_stay_in_the_campaigns_folder(tmp_path: Path, target: str) -> None:
+    (tmp_path / "secret.txt").touch()
+    (tmp_path / "own").mkdir()
+    file = made(tmp_path / "own" / "small.sqlite", SPEC)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.execute("UPDATE trials SET recording = ?", (target,))
+    assert "<a href" not in campaign_page(file, file.with_suffix(".html"))
+
+
+@pytest.mark.parametrize("settings", [None, "[]", "{}", '{"object": 1}'])
+def test_settings_of_another_shape_are_refused(tmp_path: Path, settings: str | None) -> None:
+    file = made(tmp_path / "small.sqlite", SPEC)
+    with closing(sqlite3.connect(file)) as db, db:
+        db.execute("UPDATE configs SET settings = ?", (settings,))
+    with pytest.raises(BadFile, match=r"small\.sqlite: "):
+        campaign_page(file, file.with_suffix(".html"))

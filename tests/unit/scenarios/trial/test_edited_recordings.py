@@ -7,10 +7,12 @@ from typing import Any
 import msgspec
 import pytest
 
+from drivers.errors import BadFile
 from grasp.commands import CloseFast, OpenFingers
-from grasp.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES
+from grasp.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES, TACTILE
 from grasp.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
+from scenarios.report.run_record import read_run
 from scenarios.trial.replay import replay_run
 from scenarios.trial.run_folder import RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
@@ -153,6 +155,26 @@ def test_an_edit_is_a_difference(part: int, recorded: RunRecording, tmp_path: Pa
         assert replay_run(written(tmp_path / "b.mcap", messages, recorded.metadata)).differences, (
             what
         )
+
+
+@pytest.mark.parametrize(
+    ("topic", "fields"),
+    [
+        (CONTROL, ["probabilities"]),
+        (TACTILE, ["counts"]),
+        (TACTILE, ["counts", "raw", "temperature"] * 3),
+    ],
+)
+def test_a_report_of_messages_of_another_length_is_refused(
+    topic: str, fields: list[str], recorded: RunRecording, tmp_path: Path
+) -> None:
+    messages = list(recorded)
+    at = the(topic, messages, 1)
+    for name in fields:  # a frozen message would not accept them
+        list.append(getattr(messages[at][2], name), 1)
+    path = written(tmp_path / "other.mcap", messages, recorded.metadata)
+    with pytest.raises(BadFile, match=f"message on {topic} "):
+        read_run(path)
 
 
 def test_replay_of_an_incomplete_recording_reports_its_early_end(

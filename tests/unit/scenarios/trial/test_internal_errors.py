@@ -15,6 +15,7 @@ from grasp.monitors.checks import Monitors
 from grasp.recording import RunRecorder
 from grasp.states import AIRBORNE_STATES, State
 from scenarios.trial.replay import replay_run
+from scenarios.trial.run_folder import could_not_record
 from scenarios.world.cell import SimulatedCell
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
@@ -146,3 +147,10 @@ def test_recording_of_a_run_that_an_observer_ended_is_replayed_to_its_safe_state
     (folder,) = tmp_path.iterdir()
     replay = replay_run(folder)
     assert replay.complete and not replay.differences
+
+
+def test_a_bug_while_recording_is_named_and_not_taken_for_a_full_disk(tmp_path: Path) -> None:
+    full = could_not_record(tmp_path, OSError(28, "No space left on device"))
+    assert "free disk space" in full.remedy
+    bug = could_not_record(tmp_path, KeyError("/unknown"))
+    assert "KeyError: '/unknown'" in bug.message and "a bug" in bug.remedy
