@@ -6,8 +6,6 @@ of one fingertip can be read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_t
 
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.text_table import TextTable, as_bad_file, read_table, require_file
 from drivers.errors import BadFile
 from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 
@@ -29,6 +28,14 @@ LABEL = "slip"
 OPTIONAL = "slip_true"
 MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
 RATE_SAMPLES = 20  # fewer do not determine a rate
+MIN_PERIOD_S = 1e-5  # no fingertip is sampled faster
+UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # of times, per second
+UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+IMPORT = "`grasp dataset import`"
+UNLABELLED = (
+    f"only `grasp replay --tactile` and `grasp detector tune --unlabelled` need none; {IMPORT} "
+    "--labels takes them from a second file"
+)
 MOVED_M = 0.001  # a larger displacement has the label `moved`
 
 LabelName = Literal["slip", "slip_true", "moved"]
@@ -61,6 +68,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # the user's files that it was made with, with their digests
     part: str = ""  # of a data set with several parts
+    changes: tuple[str, ...] = ()  # of an imported recording: what the import changed
     parameters: dict[str, float] = {}  # random settings of this recording, units in the names
     object: dict[str, float | str | bool | list[int]] = {}  # held object
     disturbances: tuple[AppliedDisturbance, ...] = msgspec.field(default=(), name="acts")  # by time
@@ -87,6 +95,7 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     velocity_mps: NDArray[np.float32] | None = None  # (n, 2) fingertip, along its x and y
     spin_radps: NDArray[np.float32] | None = None  # (n,) fingertip, about its normal
     moved_m: NDArray[np.float32] | None = None  # (n,)
+    labelled: bool = True  # False: `slip` is unknown, and False throughout
 
     def label(self, name: LabelName) -> NDArray[np.bool_]:
         """Label (n,); ``moved``: ``moved_m`` above MOVED_M. Raises BadFile for a missing one."""
@@ -114,12 +123,11 @@ def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def read(path: Path | str, labelled: bool = True) -> Recording:
-    """Read a recording, ``.npz`` or CSV by its suffix. Raises BadFile. With ``labelled`` False, a
-    CSV may lack the label, which is then static throughout."""
+    """Read a recording, ``.npz`` or CSV by its suffix. Raises BadFile. With ``labelled`` False, it
+    may lack the label, which is then static throughout."""
     path = Path(path)
-    if path.is_char_device():  # reading it may never end
-        raise BadFile(path, "is not a file", "give the path of a recording")
-    return _read_npz(path) if path.suffix == SUFFIX else read_csv(path, labelled)
+    require_file(path)
+    return _read_npz(path, labelled) if path.suffix == SUFFIX else read_csv(path, labelled)
 
 
 def write(path: Path | str, recording: Recording) -> None:
@@ -130,6 +138,8 @@ def write(path: Path | str, recording: Recording) -> None:
         raise BadFile(path, "wrong suffix", f"name the file *{SUFFIX}")
     arrays = {name: getattr(recording, name) for name in _ARRAYS}
     arrays = {name: array for name, array in arrays.items() if array is not None}
+    if not recording.labelled:
+        del arrays[LABEL]
     _check_arrays(arrays, str(path))
     header = msgspec.json.encode(_Header("grasp-recording", 2, recording.metadata)).decode()
     written = BytesIO()
@@ -178,7 +188,7 @@ class _Header(msgspec.Struct, frozen=True):
 _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
     "t_s": (np.float64, (), True),
     "counts": (np.int16, (None, None), True),
-    "slip": (np.bool_, (), True),
+    "slip": (np.bool_, (), False),  # only a recording that is not labelled lacks it
     "slip_true": (np.bool_, (), False),
     "contact_speed_mps": (np.float32, (), False),
     "contact_turn_radps": (np.float32, (), False),
@@ -188,10 +198,10 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 }
 
 
-def _read_npz(path: Path) -> Recording:
+def _read_npz(path: Path, labelled: bool) -> Recording:
     source = str(path)
     remedy = "copy or build the file again"
-    with _as_bad_file(path, remedy):
+    with as_bad_file(path, remedy):
         with ZipFile(path) as archive:  # which reads no more than the sizes that it states
             size = sum(member.file_size for member in archive.infolist())
         if size > MOST_BYTES:
@@ -203,19 +213,9 @@ def _read_npz(path: Path) -> Recording:
     if unknown:
         raise BadFile(source, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md")
     _check_arrays(stored, source)
+    if labelled and LABEL not in stored:
+        raise BadFile(source, f"has no label `{LABEL}`", UNLABELLED)
     return _read_only(stored, source, header.metadata)
-
-
-@contextmanager
-def _as_bad_file(path: Path, remedy: str) -> Iterator[None]:
-    """Convert exceptions of reading the file to BadFile."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise BadFile(path, "no such file", "check the path") from None
-    except Exception as error:  # numpy and zipfile raise many kinds for damage
-        problem = f"cannot be read: {str(error) or type(error).__name__}"
-        raise BadFile(path, problem, remedy) from None
 
 
 def _read_only(
@@ -223,7 +223,8 @@ def _read_only(
 ) -> Recording:
     for array in arrays.values():
         array.flags.writeable = False
-    known: dict[str, Any] = {"slip_true": None, **arrays}
+    known: dict[str, Any] = {"slip_true": None, "labelled": LABEL in arrays, **arrays}
+    known.setdefault(LABEL, np.zeros(len(arrays["t_s"]), np.bool_)).flags.writeable = False
     return Recording(**known, source=source, metadata=metadata)
 
 
@@ -261,49 +262,46 @@ def _check_arrays(arrays: dict[str, Any], source: str) -> None:
             refuse(f"{name} holds values that are not finite")
     if abs(arrays["counts"].astype(np.int32)).max() > COUNTS_LIMIT:
         refuse(f"counts beyond +-{COUNTS_LIMIT}", "write raw minus rest, unscaled")
-    _check_times(arrays["t_s"], None, source)
+    check_times(arrays["t_s"], None, source)
 
 
 def read_csv(path: Path | str, labelled: bool = True) -> Recording:
     """Read a recording of one fingertip. Raises BadFile for the first error. With ``labelled``
     False, the label may be missing and is then static throughout."""
-    source = str(path)
-    with _as_bad_file(Path(path), "give a CSV file in UTF-8"):
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    columns = _columns(lines, source, labelled)
-    rows = {i: line.split(",") for i, line in enumerate(lines[1:], start=2) if line.strip()}
-    if len(rows) < 2:
-        raise BadFile(source, f"{len(rows)} samples", "at least 2 are needed")
-    for line, words in rows.items():
-        if len(words) != len(columns):
-            remedy = f"there must be {len(columns)}"
-            raise BadFile(source, f"{len(words)} columns", remedy, line)
+    text = read_table(Path(path))
+    source, lines = text.source, text.lines[1:]
+    columns = _columns(text, labelled)
+    if len(lines) < 2:
+        raise BadFile(source, f"{len(lines)} samples", "at least 2 are needed")
     table = {
-        name: _column(name, {line: words[i].strip() for line, words in rows.items()}, source)
-        for i, name in enumerate(columns)
+        name: _column(name, dict(zip(lines, words, strict=True)), source)
+        for name, words in zip(columns, text.columns(1), strict=True)
     }
     t_s = table["t_s"]
-    _check_rate(t_s, source)
-    _check_times(t_s, list(rows), source)
+    check_rate(t_s, source)
+    check_times(t_s, lines, source)
     counts = np.column_stack([table[name] for name in columns if name.startswith("p")])
     labels = {name: table[name] == 1.0 for name in (LABEL, OPTIONAL) if name in table}
     arrays = {"t_s": t_s, "counts": counts.astype(np.int16)[:, None, :], **labels}
-    return _read_only({LABEL: np.zeros(len(t_s), np.bool_), **arrays}, source)
+    return _read_only(arrays, source)
 
 
-def _columns(lines: list[str], source: str, labelled: bool) -> tuple[str, ...]:
+def _columns(text: TextTable, labelled: bool) -> tuple[str, ...]:
     def names(taxels: int) -> tuple[str, ...]:
         return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
 
     kit = ",".join(names(KIT_TAXELS))
     remedy = f"the first line must be {kit} (or more or fewer taxels), with or without ,{OPTIONAL}"
-    if not lines:
-        raise BadFile(source, "empty", remedy)
-    columns = tuple(word.strip() for word in lines[0].split(","))
+    if not text.rows:
+        raise BadFile(text.source, "empty", remedy)
+    columns = tuple(text.rows[0])
     taxels = sum(name.startswith("p") for name in columns)
     known = [names(taxels), (*names(taxels), OPTIONAL)] + [names(taxels)[:-1]] * (not labelled)
     if taxels == 0 or columns not in known:
-        raise BadFile(source, f"columns are {','.join(columns)}", remedy, 1)
+        if columns == names(taxels)[:-1]:
+            raise BadFile(text.source, f"has no label `{LABEL}`", UNLABELLED, 1)
+        remedy = f"{remedy}, or {IMPORT} brings other layouts into this format"
+        raise BadFile(text.source, f"columns are {','.join(columns)}", remedy, text.lines[0])
     return columns
 
 
@@ -326,19 +324,34 @@ def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64
     return np.array([float(word) for word in words.values()])
 
 
-def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
+def check_unit(t_s: NDArray[np.float64], source: str) -> None:
+    """Raise BadFile if the median interval shows that times (n,) are not in seconds."""
+    period = float(np.median(np.diff(t_s)))
+    if 0.0 < period < MIN_PERIOD_S:
+        remedy = f"give times in seconds, or {IMPORT} with another --unit"
+        raise BadFile(source, f"its samples are {period:g} s apart", remedy)
+    if period >= 1.0:  # of a rate of 2 to 1000 Hz
+        unit = "ms" if period < 500.0 else "us" if period < 500e3 else "ns"
+        raise BadFile(
+            source, f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}",
+            f"convert them to seconds, or {IMPORT} --unit {unit}",
+        )  # fmt: skip
+
+
+def check_rate(t_s: NDArray[np.float64], source: str) -> None:
     """Raise BadFile if the median rate is not near 100 Hz; missed samples are allowed."""
+    check_unit(t_s, source)
     period_s = float(np.median(np.diff(t_s)))
     measurable = len(t_s) >= RATE_SAMPLES and period_s > 0.0
     if measurable and not 1.0 / MAX_RATE_FACTOR < period_s / PERIOD_S < MAX_RATE_FACTOR:
         raise BadFile(
             source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
-            f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it (with a filter): detectors, rules "
-            "and delays count samples of 10 ms",
+            f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it ({IMPORT} --resample): detectors, "
+            "rules and delays count samples of 10 ms",
         )  # fmt: skip
 
 
-def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:
+def check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:
     """Raise BadFile for bad times. ``lines``: line of each sample in a text file."""
     missed = missed_samples(t_s)
     for wrong, problem, remedy in (

@@ -134,7 +134,8 @@ class Applied(msgspec.Struct, frozen=True):
 
 
 class Gripper(Protocol):
-    """A three-finger gripper. Verbs set intent; ``poll`` does one exchange with the device.
+    """A gripper with exactly three fingers, A opposite B and C; no other number is supported. Verbs
+    set intent; ``poll`` does one exchange with the device.
 
     Verbs raise ``Refused`` when the request cannot be met within the given limits. Link errors
     (``LinkLost``) are raised by ``poll`` only.

@@ -60,7 +60,7 @@ Contents = dict[Key, tuple[int, bytes]]  # log time in ns, bytes
 
 def main() -> int:
     """Run both trees and print what differs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], allow_abbrev=False)
     parser.add_argument("commit", help="to compare with")
     parser.add_argument("--objects", nargs="+", default=OBJECTS, choices=OBJECTS)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1])

@@ -30,7 +30,10 @@ ROOT_END = (
 )
 FINGERS = ("A", "B", "C")
 SLOW = "slowly, at the hand's least force"
-RUN_HELP = "folder of a run, its name as `grasp runs` lists it, or its recording.mcap"
+RUN_HELP = (
+    "folder of a run, its name as `grasp runs` lists it, or its recording.mcap (default: the last "
+    "run in the folder runs)"
+)
 ARM_SPEED = "10 mm/s in a straight line"
 MAX_FORCE_N = 60.0  # of the hand, by its manual
 SHORTEST_HOLD_S = 30.0
@@ -115,15 +118,15 @@ def _add_recordings(root: Parser) -> None:
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
     report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign, or "
-        ".json file of `grasp detector evaluate --out`", Path)  # fmt: skip
+        ".json file of `grasp detector evaluate --out`", Path, nargs="?")  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
-        "distance over time; gif: the first slip in slow motion (both: extra `charts`). layout: "
-        "for Foxglove and Lichtblick.",
+        "distance over time (--out: also .png, .pdf); gif: the first slip in slow motion (both: "
+        "extra `charts`). layout: for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
-    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path)
+    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path, nargs="?")
     export.option("--to", "default: by --out, else csv", choices=("csv", "svg", "gif", "layout"))
     export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
 
@@ -160,7 +163,27 @@ def _add_dataset(group: Parser) -> None:
         "five recordings of a motion on a surface, three are for training, one for validation, one "
         "for test.")  # fmt: skip
     collect.option("source RUN|FILE", "acquisitions, .npz or .csv files", Path, nargs="+")
-    for parser in (build, collect):
+    bring = group.command("import", "bring recordings of other programs into this format", ". Each "
+        "file is a table of text, at any rate, with or without a header; a cell may hold a list. "
+        "Prints every change, and keeps it and the file's SHA-256 in the result.", (
+        "grasp dataset import slip.csv --unit ms --columns 2-7 --sign positive --rest-seconds 0.5 "
+        "--labels truth.csv --resample --out own",))  # fmt: skip
+    bring.option("file FILE", "tables with the same columns", Path, nargs="+")
+    times = bring.add_mutually_exclusive_group()
+    times.add_argument("--time-column", default="", metavar="NAME", help="name or number (default: "
+        "t_s, time, timestamp, ...)")  # fmt: skip
+    times.add_argument("--rate", type=decimal(1, 100_000, "Hz"), metavar="HZ", help="of a file "
+        "without times")  # fmt: skip
+    bring.option("--unit", "of the times", choices=("s", "ms", "us", "ns"), default="s")
+    bring.option("--columns LIST", "pressures, finger by finger: names, numbers or ranges of "
+        "numbers, with commas (default: all but time and label)", default="")  # fmt: skip
+    bring.option("--taxels N", "of a fingertip", whole(1, 100), default=6)
+    bring.option("--sign", "of a press", choices=("negative", "positive"), default="negative")
+    bring.option("--rest-seconds N", "subtract the median of the first seconds",
+        decimal(0, 3600, "s"), default=0.0)  # fmt: skip
+    bring.option("--labels FILE", "table of times and labels, at any rate, in the same unit", Path)
+    bring.flag("--resample", "bring another rate to 100 Hz")
+    for parser in (build, collect, bring):
         parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
         share(parser, "json")
 

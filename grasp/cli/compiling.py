@@ -5,6 +5,7 @@
 It runs a lift, a tap, a pressed fingertip and every detector; numba keeps what these compile.
 """
 
+import argparse
 import os
 import sys
 
@@ -40,6 +41,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    about = "Compile the simulation, once on a machine."
+    argparse.ArgumentParser(description=about, allow_abbrev=False).parse_args()
     try:
         main()
     except KeyboardInterrupt:

@@ -14,6 +14,8 @@ from detector import network_file
 from detector.decision import RuleSettings
 from detector.interface import DETECTORS, FORMULAS, NETWORK
 from detector.plugins import is_plugin
+from detector.recording_checks import suspicions
+from detector.recordings import Recording
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -64,8 +66,10 @@ def detector_evaluate(args: argparse.Namespace) -> int:
     if args.out is not None:
         check_writable(args.out, BEGINS)
     check_named(args.detector, args.config, args.set)
+    warnings: list[str] = []
     if args.recording is not None:
         data, recordings = str(args.recording), read_labelled(args.recording)
+        warnings = warn(args, recordings)
     else:
         data = f"{' '.join(folder.name for folder in args.data)}, {args.split}"
         recordings = read_split(args.data, args.split, exits.print_detail)
@@ -77,7 +81,8 @@ def detector_evaluate(args: argparse.Namespace) -> int:
             made.config, trial_layers("can", "simulated", name, args.config, args.set)
         )
         sheet = made.evaluation()
-        show(args, sheet, scores_text(sheet, made.config.rule))
+        value = {**msgspec.structs.asdict(sheet), "warnings": warnings}
+        show(args, value, scores_text(sheet, made.config.rule))
         if args.out is not None:
             kept.append(evaluated(made, sheet))
     if not args.json:
@@ -85,6 +90,14 @@ def detector_evaluate(args: argparse.Namespace) -> int:
     if args.out is not None:
         _keep(args, data, kept)
     return exits.SUCCESS
+
+
+def warn(args: argparse.Namespace, recordings: Sequence[Recording]) -> list[str]:
+    """Print, unless under --json, a warning for each suspicious property; returns the lines."""
+    found = [line for recording in recordings for line in suspicions(recording)]
+    for line in [] if args.json else found:
+        exits.print_detail(f"warning: {line}")
+    return found
 
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:

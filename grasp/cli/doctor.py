@@ -35,7 +35,7 @@ def doctor(args: argparse.Namespace) -> int:
 
     def text() -> str:
         width, lines = max(len(check.name) for check in checks), []
-        for check in checks:
+        for check in sorted(checks, key=lambda check: check.status == "fail"):  # failures last
             detail = check.detail.replace("\n", f"\n      {'':<{width}}  ")
             lines.append(f"{MARKS[check.status]}  {check.name:<{width}}  {detail}")
             if check.remedy:
@@ -45,7 +45,8 @@ def doctor(args: argparse.Namespace) -> int:
         if args.rig is None:
             end += " on this machine; no device was queried (--rig hardware queries them)"
         if failed:
-            end = f"failed checks: {len(failed)}; fix first: {failed[0].name}"
+            first = f"{failed[0].name} ({failed[0].remedy or failed[0].detail})"
+            end = f"failed checks: {', '.join(check.name for check in failed)}; fix first: {first}"
         return "\n".join([*lines, end])
 
     found = [check._asdict() for check in checks]

@@ -34,13 +34,13 @@ class Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises usage errors, also for unknown options."""
+    """Raises usage errors, also for unknown and shortened options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self._headed: dict[str, Any] = {}
         self._commands: Any = None
         self._sections: dict[str, list[argparse.Action]] = {}
-        super().__init__(*args, **{"formatter_class": Formatter, **options})
+        super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **options})
 
     def add_argument(self, *args: Any, **options: Any) -> argparse.Action:
         """Add an argument, under its heading."""
@@ -107,8 +107,21 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+            from grasp.settings import suggestion
+
+            known = [word for action in self._actions for word in action.option_strings]
+            hint = suggestion(unknown[0].partition("=")[0], known)
+            self.error(f"`{self.prog}` does not take {' '.join(unknown)}{hint}")
         return namespace, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            from grasp.settings import suggestion
+
+            error.message += suggestion(str(value), list(map(str, action.choices or ())))
+            raise
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, f"see `{self.prog} --help`")

@@ -9,7 +9,7 @@ from typing import Any
 from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.options import PICTURES, check_writable, need
-from grasp.cli.output import show
+from grasp.cli.output import print_status, show
 from grasp.files import is_stream, write_whole
 
 SHOWN_DIFFERENCES = 10
@@ -19,8 +19,8 @@ FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICT
 
 
 def replay(args: argparse.Namespace) -> int:
-    if (args.run is None) == (args.tactile is None):
-        raise UsageError("needs a RUN or --tactile PATH, and not both", "give one of them")
+    if args.run is not None and args.tactile is not None:
+        raise UsageError("takes a RUN or --tactile PATH, and not both", "give one of them")
     if args.tactile is not None:
         return _replay_tactile(args)
     if args.config or args.set:
@@ -30,7 +30,7 @@ def replay(args: argparse.Namespace) -> int:
 
     from scenarios.trial.replay import replay_run
 
-    done = replay_run(args.run, args.detector)
+    done = replay_run(args.run or _last_run(), args.detector)
     same = not done.differences
 
     def text() -> str:
@@ -49,21 +49,38 @@ def replay(args: argparse.Namespace) -> int:
     return show(args, {**msgspec.to_builtins(done), "same": same}, text, code)
 
 
+def _last_run() -> Path:
+    """Folder of the newest recording in the default folder, which it prints. Raises UsageError if
+    there is none."""
+    from scenarios.trial.run_folder import RECORDING, RUNS
+
+    recordings = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{RECORDING}")]
+    if not recordings:
+        raise UsageError(f"no RUN given, and no recording in the folder {RUNS}",
+                         "give the path of a RUN, or record one: `grasp run lift`")  # fmt: skip
+    folder = max(recordings)[1]
+    print_status(f"last run: {one_line(folder)}")
+    return folder
+
+
 def _replay_tactile(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read
     from detector.scores.evaluation import evaluate_recording
-    from grasp.cli.detector import scores_text
+    from grasp.cli.detector import scores_text, warn
     from grasp.clock import stopwatch_ns
     from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    recording = read(args.tactile)
+    recording = read(args.tactile, labelled=False)
+    warnings = warn(args, [recording])
     done = replay_tactile(config, recording)
-    detector = config.make_detector(recording.fingers, recording.taxels)
-    scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
+    scores = None
+    if recording.labelled:
+        detector = config.make_detector(recording.fingers, recording.taxels)
+        scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
 
     def text() -> str:  # labels, registered events and commands on one time line, then the score
         slip = recording.slip
@@ -75,9 +92,11 @@ def _replay_tactile(args: argparse.Namespace) -> int:
         ]  # fmt: skip
         lines.sort(key=lambda line: line[0])
         shown = [f"{t_s:8.3f} s  {what}" for t_s, what in lines]
-        return "\n".join([*shown, scores_text(scores, config.rule)])
+        score = scores_text(scores, config.rule) if scores else "no label `slip`: no score"
+        return "\n".join([*shown, score])
 
-    return show(args, {**msgspec.to_builtins(done), "evaluation": scores}, text)
+    value = {**msgspec.to_builtins(done), "evaluation": scores, "warnings": warnings}
+    return show(args, value, text)
 
 
 def runs(args: argparse.Namespace) -> int:
@@ -109,7 +128,7 @@ def _line(name: str, result: dict[str, Any]) -> str:
 def report(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix != ".html":
         raise UsageError(f"--out {args.out}: not an HTML file name", "use one that ends in .html")
-    print(write_page(args.run, args.out))
+    print(write_page(args.run or _last_run(), args.out))
     return exits.SUCCESS
 
 
@@ -143,7 +162,12 @@ def export(args: argparse.Namespace) -> int:
     if args.to is None and args.out is not None and by_name is None:
         raise UsageError(f"--out {args.out}: no known file ending",
                          f"use a name that ends in {', '.join(FORMATS)}, or give --to")  # fmt: skip
-    to, database = args.to or by_name or "csv", is_database(args.run)
+    to = args.to or by_name or "csv"
+    if by_name not in (None, to):
+        raise UsageError(f"--out {args.out}: the file name says {by_name}, --to says {to}",
+                         "leave --to out, or use another file name")  # fmt: skip
+    args.run = args.run or _last_run()
+    database = is_database(args.run)
     if database and to != "csv":
         raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
     if to in ("svg", "gif"):

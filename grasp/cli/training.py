@@ -9,15 +9,19 @@ from typing import Any
 import msgspec
 
 from detector.network_file import SUFFIX
+from detector.recordings import SUFFIX as RECORDING
+from detector.recordings import write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError
 from grasp import signals
 from grasp.cli import exits
+from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
 from scenarios.acquire.datasets import build
 from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
+from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
@@ -60,12 +64,40 @@ def dataset_collect(args: argparse.Namespace) -> int:
         require_labelled(source)
     made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
-    value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
+    value = {"folder": args.out, "lacking": made.lacking, "warnings": warn(args, made.recordings)}
+    value |= dict[Any, Any](made.counts)
     show(args, value, f"{args.out}: {counts}")
     if made.lacking and not args.json:
         for split, kinds in made.lacking.items():
             exits.print_detail(f"none for {split}: {', '.join(kinds)}")
         exits.print_detail("each split needs three recordings of a motion on a surface")
+    return exits.SUCCESS
+
+
+def dataset_import(args: argparse.Namespace) -> int:
+    if args.labels and len(args.file) > 1:
+        raise UsageError("--labels belongs to one FILE", "import one after the other")
+    options = ImportOptions(
+        time_column=args.time_column, rate_hz=args.rate, unit=args.unit, columns=args.columns,
+        taxels=args.taxels, sign=args.sign, rest_s=args.rest_seconds, labels=args.labels,
+        resample=args.resample,
+    )  # fmt: skip
+    imported: dict[Path, Any] = {}
+    for file in args.file:
+        out = args.out / f"{file.stem}{RECORDING}"
+        if out in imported or out.exists():
+            raise UsageError(f"{out} exists already", "rename the file, or give another --out")
+        imported[out] = import_recording(file, options)
+    args.out.mkdir(parents=True, exist_ok=True)
+    for out, (recording, changes) in imported.items():
+        write(out, recording)
+        kept = recording.metadata
+        warnings = warn(args, [recording])
+        value = {"file": out, "samples": len(recording.t_s), "fingers": recording.fingers,
+                 "changes": changes, "sha256": kept.files, "warnings": warnings}  # fmt: skip
+        hashes = [f"SHA-256 of {name}: {digest}" for name, digest in kept.files.items()]
+        text = f"{out}: {len(recording.t_s)} samples, fingers: {recording.fingers}"
+        show(args, value, "\n  ".join([text, *changes, *hashes]))
     return exits.SUCCESS
 
 

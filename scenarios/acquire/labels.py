@@ -58,7 +58,8 @@ def recording(
         counts=np.stack([sample.frame.counts[config.finger] for sample in samples])[:, None, :],
         slip=slip_label(np.hypot(velocity[:, 0], velocity[:, 1]), abs(spin)),
         velocity_mps=velocity.astype(np.float32), spin_radps=spin.astype(np.float32),
-        moved_m=distance_moved(t_s, _positions(samples), touched).astype(np.float32), **true,
+        moved_m=distance_moved(t_s, _positions(samples), touched).astype(np.float32),
+        labelled=True, **true,
     )  # fmt: skip
 
 

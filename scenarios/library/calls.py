@@ -131,10 +131,12 @@ def replay(
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
     config = load_config("can", "simulated", detector, None, _assignments(settings))
-    recording = read(path)
+    recording = read(path, labelled=False)
     replayed = replay_tactile(config, recording)
-    scored = config.make_detector(recording.fingers, recording.taxels)
-    sheet = evaluate_recording(scored, config.rule, recording, clock_ns=stopwatch_ns)
+    sheet = None
+    if recording.labelled:
+        scored = config.make_detector(recording.fingers, recording.taxels)
+        sheet = evaluate_recording(scored, config.rule, recording, clock_ns=stopwatch_ns)
     return TactileResult.of(recording, replayed, sheet)
 
 

@@ -138,11 +138,11 @@ class TactileResult(msgspec.Struct, frozen=True, eq=False):
     probabilities: Floats  # (n, 3) of slip; fingers that were not recorded are unloaded
     registered: tuple[tuple[float, str], ...]  # (t_s, finger), without any response
     commands: tuple[SentCommand, ...]  # that the controller would have sent
-    evaluation: Evaluation
+    evaluation: Evaluation | None  # None for a recording without labels
 
     @classmethod
     def of(
-        cls, recording: Recording, replayed: TactileReplay, sheet: Evaluation
+        cls, recording: Recording, replayed: TactileReplay, sheet: Evaluation | None
     ) -> "TactileResult":
         p = _frozen(np.array(replayed.probabilities))
         return cls(recording, p, tuple(replayed.registered), tuple(replayed.commands), sheet)
@@ -150,8 +150,12 @@ class TactileResult(msgspec.Struct, frozen=True, eq=False):
     def _repr_html_(self) -> str:
         s = self.evaluation
         caption = (
-            f"{s.detector} on {s.data}: {s.true_events - s.missed_events} of {s.true_events} "
-            f"slips detected, {s.false_events} false"
+            f"{self.recording.source}: no labels"
+            if s is None
+            else (
+                f"{s.detector} on {s.data}: {s.true_events - s.missed_events} of {s.true_events} "
+                f"slips detected, {s.false_events} false"
+            )
         )
         rows = [(f"{t_s:.2f}", finger) for t_s, finger in self.registered]
         return _table(caption, ("registered, s", "finger"), rows)

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.interface import SlipDetector
 from detector.recordings import Recording
 from drivers.interfaces import (
     FINGER_NAMES,
@@ -44,6 +45,7 @@ from scenarios.trial.execution import make_step
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 PRESSED_COUNTS = -100  # a taxel that is clearly pressed
+NOISE_COUNTS = 5  # a load that has grown by more has grown
 # Time that a stub finger closes before it meets its object. No setting: it represents no real hand,
 # and registered slip comes from the step that never closes.
 CLOSING_NS = 80_000_000
@@ -73,13 +75,17 @@ class _Lift:
     Closing takes 80 ms and ends in contact; a first stage takes half of that and ends at its
     target. The arm arrives at once, or never: then the lift lasts as long as the recording. The
     step first processes the ``earlier`` frames, so that at ``t_ns`` the lift has just begun.
+    ``detector`` is reset; no two lifts at the same time may have the same.
     """
 
     def __init__(
-        self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
-    ) -> None:
+        self, config: TrialConfig, detector: SlipDetector, earlier: Sequence[Counts], t_ns: int,
+        arm_arrives: bool = False,
+    ) -> None:  # fmt: skip
         self.lifting = False  # the arm has been commanded to lift
-        self._step = make_step(config, monitors=Monitors(config.monitors, enabled=False))
+        detector.reset()
+        monitors = Monitors(config.monitors, enabled=False)
+        self._step = make_step(config, monitors=monitors, detector=detector)
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN
@@ -144,13 +150,18 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     frames = np.zeros((len(recording.t_s), FINGERS, recording.taxels), np.int16)
     frames[:, : recording.counts.shape[1]] = recording.counts
     replay = TactileReplay([], [], [])
-    lead = _steps_until_lift(config)
+    detector = config.make_detector(FINGERS)
+    lead = _steps_until_lift(config, detector)
     # It does not respond and holds at the top without end. With an unloaded thumb it ends earlier
     # in a safe state, and still detects slip there.
     settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     passive = msgspec.structs.replace(config, controller=settings)
-    monitor = _Lift(passive, [frames[0]] * lead, round(recording.t_s[0] * 1e9), arm_arrives=True)
+    start_ns = round(recording.t_s[0] * 1e9)
+    passive_detector = passive.make_detector(FINGERS)
+    monitor = _Lift(passive, passive_detector, [frames[0]] * lead, start_ns, arm_arrives=True)
     lift: _Lift | None = None
+    began, next_lift = 0, 0  # frames
+    thumb = frames[:, 0].min(axis=1)
     for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
         result = monitor.step(t_ns, frames[k])
@@ -158,9 +169,15 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
         slip = result.decision.slip
         if slip.event:
             replay.registered.append((t_ns * 1e-9, FINGER_NAMES[slip.finger]))
-        if (lift is None or lift.over) and not slip.registered:
+        if lift is not None and lift.over and k <= began + 1:
+            # it failed at once, with an unloaded thumb: the next one takes as long as a grasp,
+            # unless the thumb is loaded more before
+            next_lift = began + lead
+        due = k >= next_lift or thumb[k] < thumb[began] - NOISE_COUNTS
+        if (lift is None or lift.over) and not slip.registered and due:
             # the first frame repeats for the time before the recording
-            lift = _Lift(config, [frames[max(0, i)] for i in range(k - lead, k)], t_ns)
+            earlier = [frames[max(0, i)] for i in range(k - lead, k)]
+            lift, began = _Lift(config, detector, earlier, t_ns), k
         if lift is not None:
             result = lift.step(t_ns, frames[k])
             phase = result.decision.state.value
@@ -170,9 +187,9 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     return replay
 
 
-def _steps_until_lift(config: TrialConfig) -> int:
+def _steps_until_lift(config: TrialConfig, detector: SlipDetector) -> int:
     """Number of frames that a grasp with a pressed thumb takes until the arm lifts."""
-    lift = _Lift(config, (), 0)
+    lift = _Lift(config, detector, (), 0)
     pressed = np.full((FINGERS, config.tactile.taxels), PRESSED_COUNTS, np.int16)
     for steps in itertools.count(1):
         lift.step(steps * PERIOD_NS, pressed)

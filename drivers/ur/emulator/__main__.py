@@ -18,7 +18,7 @@ from drivers.ur.emulator.server import PORTS, SWITCH_S, UrEmulator
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Emulated UR10 controller.")
+    parser = argparse.ArgumentParser(description="Emulated UR10 controller.", allow_abbrev=False)
     parser.add_argument("--host", required=True, help="loopback address, 127.0.0.2 or later")
     parser.add_argument("--profile", choices=sorted(PROFILES), default="cb3")
     parser.add_argument("--fault-port", type=int, default=0, help="control channel; 0: any port")

@@ -157,10 +157,12 @@ def _require_empty(out: Path, option: str) -> None:
 
 
 class Collected(msgspec.Struct, frozen=True):
-    """Number of recordings by split, and kinds of recordings that a split does not have."""
+    """Number of recordings by split, kinds of recordings that a split does not have, and the
+    recordings."""
 
     counts: dict[Split, int]
     lacking: dict[Split, list[str]]
+    recordings: list[Recording]
 
 
 def collect(sources: Sequence[Path], out: Path) -> Collected:
@@ -185,7 +187,7 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     for number, (r, split) in enumerate(zip(recordings, splits, strict=True)):
         write(out / f"{number:03d}{SUFFIX}", _with_split(r, split))
     counts = {s: splits.count(s) for s in SPLIT_CYCLE[:MIN_RECORDINGS]}
-    return Collected(counts, _lacking(kinds, splits))
+    return Collected(counts, _lacking(kinds, splits), recordings)
 
 
 def _require_each_once(paths: Sequence[Path], recordings: Sequence[Recording]) -> None:

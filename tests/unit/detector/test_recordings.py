@@ -1,5 +1,6 @@
 """CSV recordings: read unchanged, or refused with file, line, problem and remedy."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -67,9 +68,31 @@ def test_too_many_missed_samples_in_a_row_are_refused(tmp_path: Path) -> None:
     assert (error.line, error.problem) == (4, "6 samples are missing before this")
 
 
-def test_character_device_is_refused() -> None:
-    with pytest.raises(BadFile, match="is not a file"):
-        read("/dev/zero")
+def test_what_is_no_regular_file_is_refused_unread(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(BadFile, match="is not a regular file"):
+            read(path)
+    with pytest.raises(BadFile, match="is a folder"):
+        read(tmp_path)
+
+
+def test_quotes_and_other_delimiters_are_read_and_decimal_commas_refused(tmp_path: Path) -> None:
+    expected = read_csv(write(tmp_path, *GOOD)).counts.tolist()
+    for delimiter in ",;\t":
+        lines = [delimiter.join(f'"{cell}"' for cell in line.split(",")) for line in GOOD]
+        assert read_csv(write(tmp_path, *lines)).counts.tolist() == expected, delimiter
+    error = refused(tmp_path, *(line.replace(",", ";").replace(".", ",") for line in GOOD))
+    assert (error.line, error.problem) == (2, "'0,00' has a comma as the decimal sign")
+
+
+def test_times_in_other_units_are_named(tmp_path: Path) -> None:
+    for unit, factor in [("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)]:
+        for hz in (50, 100, 500):
+            rows = [row(round(k * factor / hz)) for k in range(30)]
+            error = refused(tmp_path, HEADER, *rows)
+            assert error.problem.startswith(f"timestamps look like {unit}"), (unit, hz)
+            assert "resample" not in error.remedy
 
 
 def test_wrong_columns_are_refused(tmp_path: Path) -> None:

@@ -220,3 +220,11 @@ def test_settings_are_printed_with_their_allowed_values(capsys: pytest.CaptureFi
     assert code == 2 and "no such file or section: 'lab.tml'" in error
     out = call("config", capsys=capsys)[1]
     assert "grip_counts = [55, 55, 55]  # 3 x int" in out and "tuple[" not in out
+
+
+def test_doctor_ends_with_its_failures(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = call("doctor", "--rig", "hardware", capsys=capsys)
+    *rows, end = out.splitlines()
+    marks = [row[:4] for row in rows if row[:4].strip()]
+    assert code in (2, 3) and marks == sorted(marks, key="FAIL".__eq__) and marks[-1] == "FAIL"
+    assert end.startswith("failed checks: ") and "; fix first: " in end

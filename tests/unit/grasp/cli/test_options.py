@@ -100,3 +100,21 @@ def test_progress_without_a_terminal_is_a_line_for_each_tenth(capsys: Capture) -
     with progress("draws", hidden=True) as show:
         show(1, 1)
     assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "proposed"),
+    [
+        ("release --confirm", ""),
+        ("release --emp", ""),
+        ("rnu lift", "did you mean 'run'?"),
+        ("run lfit", "did you mean 'lift'?"),
+        ("run lift --objct can", "did you mean '--object'?"),
+    ],
+)
+def test_shortened_and_misspelt_words_are_refused_with_a_proposal(
+    words: str, proposed: str
+) -> None:
+    with pytest.raises(UsageError) as error:
+        build_parser().parse_args(words.split())
+    assert proposed in error.value.message

@@ -28,6 +28,11 @@ def test_run_is_found_by_the_name_that_runs_lists(
     for words in (("report", name), ("export", name), ("export", name, "--to", "layout")):
         code, out, _ = call(*words, capsys=capsys)
         assert code == 0 and Path(out.strip()).parent == Path("runs") / name, words
+    for words in (("report",), ("export",), ("replay", "--check")):  # the last run
+        code, _, error = call(*words, capsys=capsys)
+        assert code == 0 and f"last run: runs/{name}" in error, words
+    code, _, error = call("export", "--to", "csv", "--out", "y.gif", capsys=capsys)
+    assert code == 2 and "says gif, --to says csv" in error and not Path("y.gif").exists()
     code, _, error = call("replay", "no-run", capsys=capsys)
     assert code == 2 and "such as runs/NAME" in error
 
@@ -71,3 +76,32 @@ def test_detector_is_scored_on_a_recording(
         assert name in scores
     assert scores["n_samples"] == 300
     assert scores["auc"] > 0.9
+
+
+def test_suspicious_recording_is_reported_before_its_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Rest is not subtracted, p5 is stuck, each frame is there twice, and nothing is a slip."""
+    path = tmp_path / "odd.csv"
+    rows = [f"{k / 100},{430 + k // 2 % 7},{'430,' * 4}430,0" for k in range(300)]
+    path.write_text("\n".join(["t_s,p0,p1,p2,p3,p4,p5,slip", *rows]) + "\n")
+    words = ("detector", "evaluate", "energy", "--recording", str(path))
+    code, out, error = call(*words, capsys=capsys)
+    assert code == 0 and "warning" not in out
+    parts = ("no count is below 430", "never change: p1, p2, p3, p4, p5", "repeat in pairs",
+             "is 0 throughout")  # fmt: skip
+    for part in parts:
+        assert error.count(part) == 1, part
+    warnings = run_json(capsys, *words)[1]["warnings"]
+    assert [part in line for part, line in zip(parts, warnings, strict=True)] == [True] * 4
+
+
+def test_replay_needs_no_label(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = stroke_csv(tmp_path / "strokes.csv")
+    lines = [line.rpartition(",")[0] for line in path.read_text().splitlines()]
+    path.write_text("\n".join(lines) + "\n")
+    words = ("replay", "--tactile", str(path), "--detector", "energy")
+    _, result = run_json(capsys, *words)
+    assert result["evaluation"] is None and len(result["registered"]) == 2
+    code, _, error = call("detector", "evaluate", "energy", "--recording", str(path), capsys=capsys)
+    assert code == 2 and "has no label `slip`" in error

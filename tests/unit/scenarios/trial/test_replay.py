@@ -1,17 +1,21 @@
 """Replay: the same code with recorded input gives the same events and commands."""
 
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from detector import network
 from detector.network import RuntimeNetwork, StreamingNetwork
 from detector.recordings import Recording
 from grasp.commands import CloseFast
 from grasp.messages import CONTROL
 from grasp.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
+from scenarios.trial import replay_tactile as replay_module
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.run_folder import RUN_CHANNELS
@@ -138,3 +142,21 @@ def test_every_stroke_of_a_fingertip_recording_causes_one_closing() -> None:
     closings = [t_s for t_s, command in sent if command.first_stage]
     assert 1.2 < closings[0] < 1.4
     assert 2.6 < closings[1] < 2.8
+
+
+def test_lifts_that_fail_at_once_share_one_detector_and_are_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    unloaded = msgspec.structs.replace(fingertip_strokes(), counts=np.zeros((400, 1, 6), np.int16))
+    calls = Counter[str]()
+    for where, name in ((replay_module, "make_step"), (network, "read_network")):
+        function = getattr(where, name)
+
+        def counted(*args: Any, name: str = name, function: Any = function, **named: Any) -> Any:
+            calls[name] += 1
+            return function(*args, **named)
+
+        monkeypatch.setattr(where, name, counted)
+    replay_tactile(config(), unloaded)
+    assert calls["make_step"] <= 12
+    assert calls["read_network"] <= 3

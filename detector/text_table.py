@@ -1,0 +1,67 @@
+"""Tables of text: CSV with a comma, semicolon or tab between the columns."""
+
+import csv
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from drivers.errors import BadFile
+
+DELIMITERS = "\t;,"  # in this order: a comma may be within the cells of the others
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+class TextTable(msgspec.Struct, frozen=True):
+    """The rows of a file, without blank ones, and the line of each."""
+
+    source: str
+    rows: list[list[str]]
+    lines: list[int]
+
+    def columns(self, first: int) -> list[tuple[str, ...]]:
+        """The columns, from row ``first``. Raises BadFile for a row with another number of cells
+        than the first of all."""
+        for row, line in zip(self.rows, self.lines, strict=True):
+            if len(row) != len(self.rows[0]):
+                remedy = f"there must be {len(self.rows[0])}, as in the first row"
+                raise BadFile(self.source, f"{len(row)} columns", remedy, line)
+        return list(zip(*self.rows[first:], strict=True))
+
+
+@contextmanager
+def as_bad_file(path: Path, remedy: str) -> Iterator[None]:
+    """Convert exceptions of reading the file to BadFile."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise BadFile(path, "no such file", "check the path") from None
+    except Exception as error:  # numpy and zipfile raise many kinds for damage
+        problem = f"cannot be read: {str(error) or type(error).__name__}"
+        raise BadFile(path, problem, remedy) from None
+
+
+def require_file(path: Path) -> None:
+    """Raise BadFile for a folder, a pipe or a device, whose reading may never end."""
+    if path.exists() and not path.is_file():
+        what = "is a folder" if path.is_dir() else "is not a regular file"
+        raise BadFile(path, what, "give one recording: a .npz or .csv file")
+
+
+def read_table(path: Path) -> TextTable:
+    """Read a table. Raises BadFile for another kind of file, and a comma as the decimal sign."""
+    require_file(path)
+    with as_bad_file(path, "give a CSV file in UTF-8"):
+        text = path.read_text(encoding="utf-8-sig")
+        first = re.sub('"[^"]*"', "", next((li for li in text.splitlines() if li.strip()), ""))
+        delimiter = next((d for d in DELIMITERS if d in first), ",")
+        reader = csv.reader(text.splitlines(), delimiter=delimiter, strict=True)
+        numbered = [([cell.strip() for cell in row], reader.line_num) for row in reader]
+    numbered = [(row, line) for row, line in numbered if any(row)]
+    for row, line in numbered:
+        if comma := next((cell for cell in row if DECIMAL_COMMA.fullmatch(cell)), None):
+            problem = f"{comma!r} has a comma as the decimal sign"
+            raise BadFile(path, problem, "write numbers with a decimal point", line)
+    return TextTable(str(path), [row for row, _ in numbered], [line for _, line in numbered])

@@ -1,0 +1,118 @@
+"""Import of foreign tables: layouts of public data sets, stated changes, refusals."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detector.recordings import read, write
+from drivers.errors import BadFile
+from scenarios.acquire.import_recording import ImportOptions, import_recording
+
+REST = 430
+CHANNELS = ",".join(f"c{i}" for i in range(6))
+
+
+def press(t_s: float, taxel: int = 0) -> int:
+    """Raw code: at rest for 0.5 s, then pressed by 60 counts and more."""
+    return REST - (t_s >= 0.5) * (60 + 10 * taxel)
+
+
+def rows(hz: float, row: Callable[[float], str], n: int = 200) -> list[str]:
+    return [row(k / hz) for k in range(n)]
+
+
+def values(t_s: float, channels: int = 6, sign: int = 1) -> str:
+    return ",".join(str(sign * press(t_s, i % 6)) for i in range(channels))
+
+
+def table(folder: Path, lines: list[str], name: str = "own.csv") -> Path:
+    path = folder / name
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
+    lines = rows(100, lambda t: f'{1.7e12 + t * 1e3:.0f};tip;"[{values(t)}]"')
+    path = table(tmp_path, ["stamp;sensor;data", *lines])
+    options = ImportOptions(unit="ms", columns="data", rest_s=0.4)
+    made, changes = import_recording(path, options)
+    assert made.t_s[[0, -1]] == pytest.approx([0.0, 1.99])
+    assert made.counts[[0, -1], 0].tolist() == [[0] * 6, [-60, -70, -80, -90, -100, -110]]
+    assert changes[0] == "time: stamp, in ms, 1700000000 s subtracted"
+    with pytest.raises(BadFile, match="timestamps look like milliseconds"):
+        import_recording(path, ImportOptions(columns="data"))
+
+
+def test_pairs_without_a_header_are_resampled(tmp_path: Path) -> None:
+    path = table(tmp_path, rows(200, lambda t: f"{t},{press(t)}"))
+    options = ImportOptions(time_column="1", taxels=1, rest_s=0.4, resample=True)
+    made, changes = import_recording(path, options)
+    assert (made.counts.shape, np.diff(made.t_s).max()) == ((100, 1, 1), pytest.approx(0.01))
+    assert made.counts[[49, 50], 0, 0].tolist() == [0, -60]
+    assert "rate: 200 Hz -> 100 Hz, mean of each 10 ms" in changes
+
+
+def test_many_columns_without_time_are_three_fingers(tmp_path: Path) -> None:
+    header = ",".join(f"taxel{i}" for i in range(18))
+    path = table(tmp_path, [header, *rows(100, lambda t: values(t, 18))])
+    made, changes = import_recording(path, ImportOptions(rate_hz=100.0, rest_s=0.4))
+    assert made.counts.shape == (200, 3, 6) and not made.labelled
+    assert changes[3].startswith("finger C: taxel12, ")
+    with pytest.raises(BadFile, match="no column is named as time") as caught:
+        import_recording(path, ImportOptions())
+    assert "--rate" in caught.value.remedy
+
+
+def test_labels_of_a_second_file_at_another_rate_are_held(tmp_path: Path) -> None:
+    lines = rows(500, lambda t: f"{t + 7},{values(t, sign=-1)}", 1000)
+    path = table(tmp_path, [f"time,{CHANNELS}", *lines])
+    truth = table(
+        tmp_path, ["time,slip", *rows(20, lambda t: f"{t + 7},{int(t >= 1)}", 30)], "t.csv"
+    )
+    options = ImportOptions(sign="positive", rest_s=0.4, labels=truth, resample=True)
+    made, changes = import_recording(path, options)
+    assert made.t_s[made.slip].min() == pytest.approx(1.005)  # middle of its 10 ms
+    assert len(made.t_s) == 150 and made.counts.min() == -110
+    assert any(line.startswith("labels: slip of t.csv, 30 at 20 Hz") for line in changes)
+    write(tmp_path / "own.npz", made)
+    kept = read(tmp_path / "own.npz").metadata
+    assert kept is not None and kept.changes == tuple(changes)
+    assert kept.files["own.csv"] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
+    path = table(tmp_path, [f"t,{CHANNELS}", *rows(50, lambda t: f"{t},{values(t)}", 100)])
+    with pytest.raises(BadFile, match="20 ms apart, 50 Hz") as caught:
+        import_recording(path, ImportOptions(rest_s=0.4))
+    assert "--resample" in caught.value.remedy
+    made, _ = import_recording(path, ImportOptions(rest_s=0.4, resample=True))
+    assert made.counts[49:51, 0, 0].tolist() == [-30, -60]
+    write(tmp_path / "own.npz", made)
+    assert not read(tmp_path / "own.npz", labelled=False).labelled
+    with pytest.raises(BadFile, match="has no label"):
+        read(tmp_path / "own.npz")
+
+
+def test_unusable_tables_are_refused_with_a_remedy(tmp_path: Path) -> None:
+    good = [f"time,{CHANNELS}", *rows(100, lambda t: f"{t},{values(t)}")]
+    for lines, columns, problem in (
+        (good, "c0,c1,c2", "3 channels"),
+        (good, "c0,chan1", "has no column 'chan1'"),
+        (good, "", "a count is 430000, beyond"),
+        ([*good[:50], *good[:50][1:]], "", "time does not increase: time is 0.0 after 0.48"),
+        (good[:50] + good[90:], "", "a gap of 0.41 s before 0.890 s"),
+        ([*good[:9], "0.08,x,0,0,0,0,0"], "", "c0 is 'x'"),
+    ):
+        text = [line.replace("430", "430000") for line in lines] if "430000" in problem else lines
+        with pytest.raises(BadFile) as caught:
+            import_recording(table(tmp_path, text), ImportOptions(columns=columns))
+        assert problem in caught.value.problem and caught.value.remedy, problem
+    with pytest.raises(BadFile, match="1e-08 s apart") as wrong_unit:
+        import_recording(table(tmp_path, good), ImportOptions(unit="us"))
+    assert "--unit" in wrong_unit.value.remedy
+    path = table(tmp_path, [line.replace("time,", "tme,") for line in good])
+    with pytest.raises(BadFile, match="did you mean 'tme'"):
+        import_recording(path, ImportOptions(time_column="time"))
