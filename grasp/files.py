@@ -23,13 +23,20 @@ PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # modes, independent of the umask
 PATH_ERRORS = frozenset({
     errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST,
 })  # fmt: skip
+DESCRIPTORS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # folders of open descriptors
 MOST_HOLDER_BYTES = 65_536
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path is a device, a pipe or an open descriptor such as /dev/stdout."""
+    return path.exists() and (not path.is_file() or path.parent in DESCRIPTORS)
+
+
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
-    """Replace a file's content completely or not at all. Raises OSError."""
-    if path.exists() and not path.is_file():  # /dev/stdout
-        path.write_bytes(content)
+    """Replace a file's content completely or not at all; append to a stream. Raises OSError."""
+    if is_stream(path):
+        with path.open("ab") as stream:
+            stream.write(content)
         return
     partial = path.with_name(partial_name(path.name, str(os.getpid())))
     try:

@@ -70,7 +70,12 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         signalled = exits.close_output()
         return code or signalled
     except OSError as error:
-        return code or _failed(error, as_json)
+        code = code or _failed(error, as_json)
+        try:
+            sys.stdout.flush()
+        except OSError:  # a full disk: at its end the interpreter would try and complain again
+            exits.close_output()
+        return code
     except BaseException as error:  # also of libraries, for example sys.exit()
         return _failed(error, as_json)
     return code

@@ -10,7 +10,7 @@ from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.options import PICTURES, check_writable, need
 from grasp.cli.output import print_status, show
-from grasp.files import write_whole
+from grasp.files import is_stream, write_whole
 
 SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
@@ -177,7 +177,8 @@ def export(args: argparse.Namespace) -> int:
     out = args.out or default
     check_writable(out, begins)
     write_whole(out, content.encode(), private=True)
-    print(out)
+    if not is_stream(out):
+        print(out)
     return exits.SUCCESS
 
 

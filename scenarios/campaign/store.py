@@ -111,13 +111,15 @@ class CampaignStore:
                     str(path), "--out", "exists already", "a new file, or --resume to continue it"
                 )
             store = cls.open(path)
-            store.rows()  # damage is found before anything is written
-            if store.spec != spec or store.settings().keys() != {c.config.digest() for c in grid}:
-                store._resources.close()
-                raise ConfigError(
-                    str(path), "--resume", "was created with another campaign or other settings",
-                    "the same campaign file and settings, or another --out",
-                )  # fmt: skip
+            digests = {combination.config.digest() for combination in grid}
+            with on_failure(store._resources.close):
+                store.rows()  # damage is found before anything is written
+                if store.spec != spec or store.settings().keys() != digests:
+                    raise ConfigError(
+                        str(path), "--resume",
+                        "was created with another campaign or other settings",
+                        "the same campaign file and settings, or another --out",
+                    )  # fmt: skip
             return store._keep_lock(lock)
 
     @classmethod
