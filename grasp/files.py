@@ -7,13 +7,14 @@ import json
 import os
 import shlex
 import socket
+import stat
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError
@@ -24,6 +25,7 @@ PATH_ERRORS = frozenset({
     errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST,
 })  # fmt: skip
 DESCRIPTORS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # folders of open descriptors
+CACHE_VARIABLES = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
 MOST_HOLDER_BYTES = 65_536
 
 
@@ -68,6 +70,29 @@ def make_private_folder(path: Path, exist_ok: bool = True) -> None:
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=exist_ok)
+
+
+def use_writable_cache() -> None:
+    """Let libraries keep their files where they can: omit folders in the environment that cannot be
+    written, and replace a user's cache folder like that by one of the temporary directory. Numba
+    refuses to compile without such a folder."""
+    for name in CACHE_VARIABLES:
+        folder = Path(os.path.expanduser(os.environ.pop(name, "")))
+        if folder.is_absolute() and not why_not_writable(nearest_folder(folder)):
+            os.environ[name] = str(folder)
+    usual = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    if usual.is_absolute() and not why_not_writable(nearest_folder(usual)):
+        return
+    ours = Path(gettempdir()).absolute() / f"grasp-cache-{os.getuid()}"
+    with suppress(OSError):
+        make_private_folder(ours)
+        found = ours.lstat()  # code is loaded from there: nobody else may write it
+        if (
+            stat.S_ISDIR(found.st_mode)
+            and found.st_uid == os.getuid()
+            and not found.st_mode & 0o022
+        ):
+            os.environ["XDG_CACHE_HOME"] = str(ours)
 
 
 def nearest_folder(folder: Path) -> Path:
