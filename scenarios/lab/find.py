@@ -102,8 +102,8 @@ def _gripper(host: str, port: int) -> str:
     before, now = read_registers(settings)
     if implausible := protocol.implausible_values(now, before):
         raise ValueError(", ".join(implausible))
-    state = "activated" if now.ready else "not activated"
-    return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}"
+    state = "activated" if now.ready else "answers like a gripper that is not activated"
+    return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}{now.zeros_note}"
 
 
 def _dashboard(host: str) -> str:

@@ -157,7 +157,7 @@ def _gripper(config: GraspRigConfig) -> Finding:
     if not now.ready:
         remedy = "`grasp gripper activate`, with an empty hand: a run activates no real hand"
         status = "fail" if config.real else "warn"
-        return status, "answers, not activated, no fault", remedy, Refused.kind
+        return status, f"answers, not activated, no fault{now.zeros_note}", remedy, Refused.kind
     summary = f"answers, active, no fault, open at {counts} counts"
     if mode := mode_warning(now.mode):
         return "warn", f"{summary}, {mode}", SET_BASIC_MODE

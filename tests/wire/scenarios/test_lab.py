@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceFault
+from drivers.robotiq.emulator import GripperEmulator
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from drivers.ur.link.preflight import Rtde
 from grasp.clock import WallClock
@@ -40,6 +42,19 @@ def test_doctor_finds_devices_and_prints_their_settings(lab: Lab) -> None:
     for line in (f"port = {gripper['port']}", f'url = "{url}"', f'host = "{lab.config.ur.host}"'):
         assert line in result.out
     assert grasp("doctor", "127.0.0.1/24").code == 2
+
+
+def test_a_device_of_zeros_is_not_called_a_gripper() -> None:
+    model = GripperModel(HandSettings(), time.monotonic_ns(), active=False)
+    model.misreport(lambda words: (0,) * len(words))
+    emulator = GripperEmulator(model, clock=time.monotonic_ns).start()
+    try:
+        host, port = emulator.address
+        out = grasp("doctor", f"{host}:{port}").out
+    finally:
+        emulator.stop()
+    assert "answers like a gripper that is not activated" in out
+    assert "other devices may answer the same" in out
 
 
 @needs_ur_rtde
