@@ -15,7 +15,7 @@ import pytest
 
 from drivers.errors import DeviceFault
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
-from drivers.ur.link.preflight import Rtde
+from drivers.ur.link.connections import Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of

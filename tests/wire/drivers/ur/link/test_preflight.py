@@ -35,7 +35,15 @@ def test_closed_port_is_named(controller, host, port):
     report = preflight(host)
     with pytest.raises(LinkLost, match=str(port)):
         raise_for_failures(report)
-    assert len(report.failures) == 1
+    (failure,) = report.failures
+    assert "Services" in failure.remedy and "cable" not in failure.remedy
+
+
+def test_polyscope_x_is_refused_without_a_hint_at_cables(controller, host):
+    controller(version=(10, 11, 0, 0), ports={SCRIPT, RTDE})
+    with pytest.raises(DeviceFault, match=r"PolyScope X .* no dashboard server") as caught:
+        raise_for_failures(preflight(host))
+    assert "cable" not in caught.value.remedy and "firewall" not in caught.value.remedy
 
 
 @pytest.mark.parametrize("port", [DASHBOARD, RTDE])
@@ -64,7 +72,7 @@ def test_versions_pass_warn_or_fail():
         ((5, 5, 0, 0), "ok"),
         ((5, 22, 9, 9), "ok"),
         ((5, 23, 0, 0), "warn"),
-        ((10, 10, 0, 0), "warn"),
+        ((10, 10, 0, 0), "fail"),
     ]:
         with case(version, status):
             check = check_version(version)
