@@ -31,9 +31,13 @@ FULL_SPEED_REMEDY = "set the speed slider to 100 % at the teach pendant"
 ARM_MOVES, END_PROGRAM = "the arm moves", "end the program that moves it"
 Version = tuple[int, ...]
 
-_REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
-    f"input_double_register_{i}" for i in range(18)
-]  # written by ur_rtde 1.6.5 with its register offset 0
+_REGISTERS = ("int", 8), ("double", 18)  # inputs that ur_rtde 1.6.5 writes: type, number
+_UPPER = 24  # first register that no fieldbus uses; RTDE guide
+_NO_UPPER_FROM = (5, 23)  # ur_rtde 1.6.5 then mixes both ranges, and no command is executed
+_END_OTHERS = (
+    "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and URCaps that "
+    "claim registers, then try again"
+)
 _RETRY_S = 0.05  # claims of a disconnected client are released with a delay
 _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
 _FULL_SPEED = 0.995  # shown as 100 %
@@ -72,9 +76,11 @@ _STATE_CHECKS = (
 )  # fmt: skip
 
 
-def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
+def preflight(
+    host: str, step_timeout_s: float = 2.0, upper_registers: bool = False
+) -> PreflightFindings:
     """Run all checks; never raises on an unfit controller, each step has a time-out."""
-    checks = _Checks(host, step_timeout_s)
+    checks = _Checks(host, step_timeout_s, upper_registers)
     open_ports = checks.ports()
     if RTDE_PORT in open_ports:
         checks.rtde()
@@ -101,10 +107,10 @@ def raise_for_failures(findings: PreflightFindings) -> None:
 class _Checks:
     """The checks of a controller and their results."""
 
-    def __init__(self, host: str, timeout_s: float) -> None:
+    def __init__(self, host: str, timeout_s: float, upper_registers: bool) -> None:
         self.checks: list[PreflightCheck] = []
         self.version: Version | None = None
-        self._host, self._timeout_s = host, timeout_s
+        self._host, self._timeout_s, self._upper = host, timeout_s, upper_registers
 
     def _add(self, name: str, ok_text: str, problem: str = "", remedy: str = "") -> None:
         fit = PreflightCheck(name, "ok", ok_text)
@@ -144,36 +150,40 @@ class _Checks:
                     self.checks = [each for each in self.checks if each.name != "dashboard port"]
                 self.checks.append(check_version(self.version))
                 if self.checks[-1].status != "fail":
-                    self._registers(rtde)
+                    self._registers(rtde, self.version)
                     self._readiness(rtde)
         except (OSError, ValueError, struct.error) as error:
             problem = f"no RTDE reply from port {RTDE_PORT}: {reason(error)}"
             self._add("rtde protocol", "", problem, CHECK_CONNECTION)
 
-    def _registers(self, rtde: Rtde) -> None:
+    def _registers(self, rtde: Rtde, version: Version) -> None:
         """Check the input registers; those in use are requested again until the step's time-out."""
+        if self._upper and version >= _NO_UPPER_FROM:
+            problem = "ur_rtde cannot use RTDE registers 24 to 47 from PolyScope 5.23 on"
+            self._add("registers", "", problem, f"set ur.upper_registers = false; {_END_OTHERS}")
+            return
         deadline = time.monotonic() + self._timeout_s
         while True:
-            types = rtde.request(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
-            if "IN_USE" not in types or time.monotonic() + _RETRY_S > deadline:
+            types = _register_types(rtde, self._upper)
+            if "IN_USE" not in types.values() or time.monotonic() + _RETRY_S > deadline:
                 break
             time.sleep(_RETRY_S)
-        by_name = dict.fromkeys(_REGISTERS, "NOT_FOUND") | dict(
-            zip(_REGISTERS, types, strict=False)
-        )
-        taken = [name for name, kind in by_name.items() if kind == "IN_USE"]
-        missing = [name for name, kind in by_name.items() if kind == "NOT_FOUND"]
-        ok_text = f"{len(_REGISTERS)} RTDE input registers free"
+        taken = [name for name, kind in types.items() if kind == "IN_USE"]
+        missing = [name for name, kind in types.items() if kind == "NOT_FOUND"]
+        problem, remedy = "", ""
         if taken:
             problem = f"RTDE input registers are in use by another client: {_shortened_list(taken)}"
-            remedy = (
-                "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and "
-                "URCaps that claim registers, then try again"
+            remedy = _END_OTHERS
+            others_free = {"IN_USE", "NOT_FOUND"}.isdisjoint(
+                _register_types(rtde, not self._upper).values()
             )
-            self._add("registers", ok_text, problem, remedy)
-        else:
-            problem = f"the controller does not know {_shortened_list(missing)}" if missing else ""
-            self._add("registers", ok_text, problem, "update PolyScope")
+            if others_free and (self._upper or version < _NO_UPPER_FROM):
+                use, others = ("false", "0 to 23") if self._upper else ("true", "24 to 47")
+                remedy = f"set ur.upper_registers = {use}: registers {others} are free; or {remedy}"
+        elif missing:
+            problem = f"the controller does not know {_shortened_list(missing)}"
+            remedy = "update PolyScope"
+        self._add("registers", f"{len(types)} RTDE input registers free", problem, remedy)
 
     def _readiness(self, rtde: Rtde) -> None:
         """Check for a running program and the speed slider.
@@ -266,6 +276,17 @@ def check_speed_slider(fraction: float) -> PreflightCheck:
     return PreflightCheck(
         "speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings"
     )
+
+
+def _register_types(rtde: Rtde, upper: bool) -> dict[str, str]:
+    """Types of the input registers of a range by name, or IN_USE or NOT_FOUND."""
+    names = [
+        f"input_{kind}_register_{upper * _UPPER + i}"
+        for kind, count in _REGISTERS
+        for i in range(count)
+    ]
+    types = rtde.request(b"I", ",".join(names).encode())[1:].decode("ascii").split(",")
+    return dict.fromkeys(names, "NOT_FOUND") | dict(zip(names, types, strict=False))
 
 
 def _shortened_list(names: list[str]) -> str:

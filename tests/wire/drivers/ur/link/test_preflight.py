@@ -119,6 +119,15 @@ def test_registers_in_use_name_the_fieldbus(controller, host):
     with pytest.raises(DeviceFault, match=r"input_double_register_0.* and 2 more") as caught:
         raise_for_failures(preflight(host, step_timeout_s=0.3))
     assert "fieldbus" in caught.value.remedy and "URCaps" in caught.value.remedy
+    assert "set ur.upper_registers = true" in caught.value.remedy
+    raise_for_failures(preflight(host, upper_registers=True))
+
+
+def test_the_upper_registers_are_refused_and_not_proposed_from_polyscope_5_23_on(controller, host):
+    controller(version=(5, 23, 0, 0)).in_use = {"input_int_register_0"}
+    (below,) = preflight(host, 0.3).failures
+    (above,) = preflight(host, 0.3, upper_registers=True).failures
+    assert "upper_registers" not in below.remedy and "upper_registers = false" in above.remedy
 
 
 def test_claims_of_a_client_that_has_just_disconnected_are_awaited(controller, host):
