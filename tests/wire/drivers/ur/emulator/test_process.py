@@ -125,9 +125,21 @@ def test_versions_and_data_as_bytes(emulator):
         assert [b - a for a, b in itertools.pairwise(stamps)] == pytest.approx([0.016] * 4)
 
 
+def test_protocol_version_1_has_neither_frequency_nor_output_recipe_id(emulator):
+    with Rtde(emulator.host) as rtde:
+        assert rtde.request("V", b"\x00\x01") == ("V", b"\x01")
+        assert rtde.request("O", b"timestamp,nonsense") == ("O", b"DOUBLE,NOT_FOUND")
+        assert rtde.request("S") == ("S", b"\x00")
+        assert rtde.request("O", b"timestamp,robot_mode") == ("O", b"DOUBLE,INT32")
+        assert rtde.request("I", b"input_int_register_0") == ("I", b"\x01INT32")
+        assert rtde.request("S") == ("S", b"\x01")
+        (first, mode), (second, _) = (struct.unpack(">di", rtde.read()[1]) for _ in range(2))
+        assert mode == 7 and second > first
+
+
 def test_invalid_recipes_are_refused(emulator):
     with Rtde(emulator.host) as one, Rtde(emulator.host) as other:
-        assert one.request("V", b"\x00\x01") == ("V", b"\x00")
+        assert one.request("V", b"\x00\x03") == ("V", b"\x00")
         assert one.request("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
             b"\x00DOUBLE,NOT_FOUND"
         )
