@@ -1,5 +1,6 @@
 """The emulator as a process, and the bytes on its ports."""
 
+import contextlib
 import itertools
 import json
 import signal
@@ -189,3 +190,21 @@ def test_invalid_programs_end_and_the_controller_keeps_running(emulator, text, m
         time.sleep(0.01)
     assert state["runtime_state"] == 1
     assert any(message in line for line in state["messages"]), state
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("def f():\n  if True:\n    sleep(1)\n  end\n", "1 blocks without end"),
+        ("def f():\n  sleep(1)\nend", "no line end"),
+        ("def f():\n" + "  sleep(1)\n" * 30_000, "longer than 250000 characters"),
+    ],
+)
+def test_a_program_that_never_ends_is_logged_as_incomplete(emulator, text, why):
+    with contextlib.suppress(ConnectionError):  # beyond the limit the emulator hangs up
+        send_program(emulator.host, text)
+    deadline = time.monotonic() + WAIT_S
+    while not (lines := emulator.fault(do="state")["messages"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert f"incomplete program ignored: {why}" in lines[0]
