@@ -171,7 +171,7 @@ def arm_checks(config: Any) -> list[Check]:
     timeout_s = config.ur.step_timeout_s
     try:
         host = arm_address(config)
-        report = preflight(host, timeout_s)
+        report = preflight(host, timeout_s, config.ur.upper_registers)
     except GraspError as error:
         return [failed("arm", error)]
     checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]

@@ -53,7 +53,7 @@ class UrLink:
         the arm moves."""
         self.close()
         s = self._settings
-        findings = preflight(s.host, s.step_timeout_s)
+        findings = preflight(s.host, s.step_timeout_s, s.upper_registers)
         raise_for_failures(findings)
         require_stationary(s.host, s.step_timeout_s)
         setup = messages.Setup(
@@ -61,6 +61,7 @@ class UrLink:
             tcp_offset=s.tcp_offset,
             payload_kg=self._payload_kg,
             cog_m=s.cog_m,
+            upper_registers=s.upper_registers,
             watchdog_hz=s.watchdog_hz,
             heartbeat_timeout_s=s.heartbeat_timeout_s,
             link_timeout_s=s.link_timeout_s,

@@ -13,8 +13,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.ur.link import messages, worker
+from drivers.ur.link.connections import CHECK_CONNECTION
 from drivers.ur.link.messages import Outcome, State
-from drivers.ur.link.preflight import CHECK_CONNECTION
 
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"

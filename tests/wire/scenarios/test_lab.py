@@ -17,7 +17,7 @@ from drivers.errors import DeviceFault
 from drivers.robotiq.emulator import GripperEmulator
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
-from drivers.ur.link.preflight import Rtde
+from drivers.ur.link.connections import Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of

@@ -104,6 +104,27 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
 
 
+@pytest.mark.parametrize(("profile", "upper"), [("cb3", True), ("e-series", True), ("cb3", False)])
+def test_moves_and_watchdog_beside_a_fieldbus_that_claims_the_other_registers(
+    emulate, connect, profile, upper
+):
+    emulator = emulate(profile)
+    first = 0 if upper else 24
+    others = [f"input_{kind}_register_{first + n}" for kind in ("int", "double") for n in range(24)]
+    emulator.do("claim", names=others)
+    arm = connect(upper_registers=upper)
+    arm.rise(0.05)
+    arm.poll_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
+    arm.rise(0.4)
+    arm.poll_until(arm.rising)
+    (worker,) = workers()
+    os.kill(worker, signal.SIGSTOP)  # nothing kicks the watchdog any more
+    stopped = emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
+    assert any("watchdog" in line for line in stopped["messages"])
+    os.kill(worker, signal.SIGCONT)
+
+
 def test_a_stop_during_a_move_is_confirmed(emulate, connect):
     emulator = emulate()
     arm = connect()

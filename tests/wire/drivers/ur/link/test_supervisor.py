@@ -12,8 +12,8 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.ur.link import messages
+from drivers.ur.link.connections import RTDE_PORT
 from drivers.ur.link.messages import Outcome, State
-from drivers.ur.link.preflight import RTDE_PORT
 from drivers.ur.link.supervisor import WorkerProcess
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, SETUP, TARGET, workers
