@@ -1,6 +1,7 @@
 """The five functions of the Python API. None of them can open a real device."""
 
 import os
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,6 +33,7 @@ from scenarios.library.results import (
 )
 from scenarios.lift.lift import lift as lift_experiment
 from scenarios.report.run_record import RunRecord
+from scenarios.rigs.compilation import tell_of_compilation
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.workers import Workers
 from scenarios.tap.tap import tap as tap_experiment
@@ -77,7 +79,8 @@ def lift(
     """
     chosen = _config(object, rig, detector, profile, config, settings).for_lift()
     folder = _folder(runs)
-    result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
+    with tell_of_compilation(_say):
+        result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
     made = Lift(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 
@@ -97,7 +100,8 @@ def tap(
     and its end too. Arguments and errors as for `lift`."""
     chosen = _config(object, rig, detector, profile, config, settings).for_tap()
     folder = _folder(runs)
-    result, failure, record = _read_result(tap_experiment.run(chosen, seed, folder))
+    with tell_of_compilation(_say):
+        result, failure, record = _read_result(tap_experiment.run(chosen, seed, folder))
     made = Tap(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 
@@ -209,6 +213,10 @@ def _config(
 def _assignments(settings: Settings | None) -> list[str]:
     """Settings in the format of `--set`."""
     return [f"{key}={msgspec.json.encode(x).decode()}" for key, x in (settings or {}).items()]
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
 
 
 def _folder(runs: File | None) -> Path:

@@ -11,8 +11,8 @@ from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
 from scenarios.rigs import simulated  # noqa: F401  (with all compiled functions of the world)
+from scenarios.world import COMPILING
 
-COMPILING = "compiling the simulation, about a minute, only once"
 EVERY_S = 2.0  # shortest time between two lines
 PACKAGES = ("drivers", "scenarios")
 Report = Callable[[int, int], object]  # functions that are ready, and all
