@@ -147,8 +147,14 @@ class Chromium:
         self.call("Input.dispatchKeyEvent", type="keyUp", **event)
 
     def click(self, x: float, y: float) -> None:
-        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        self.drag(x, y, x, y)
+
+    def drag(self, x: float, y: float, to_x: float, to_y: float) -> None:
+        """Press the left button at one place and release it at another."""
+        places = [("Moved", x, y), ("Pressed", x, y), ("Moved", to_x, to_y)]
+        for kind, at_x, at_y in [*places, ("Released", to_x, to_y)]:
+            button = {"button": "left", "buttons": 1, "clickCount": 1}
+            self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=at_x, y=at_y, **button)
 
     def printed(self) -> bytes:
         """The page as PDF."""

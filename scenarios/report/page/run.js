@@ -110,6 +110,11 @@ function makePlayer() {
   const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-3) || {t: times[0]}).t);
   const toggle = () => (playing ? stop() : start());
 
+  function recolour() {
+    if (plots) plots.recolour();
+    redrawScene();
+  }
+
   // the button offers the other range
   function zoom(near) {
     plots.zoom(near);
@@ -138,13 +143,13 @@ function makePlayer() {
       actions[event.key]();
     });
     // canvases keep their colours: redraw when the colour scheme changes, and in light colours to print
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots && plots.recolour());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
     for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
       addEventListener(event, () => {
         document.documentElement.classList.toggle("paper", paper);
         if (!plots) return;
         plots.print(paper);
-        plots.recolour();
+        recolour();
       });
     }
   }
