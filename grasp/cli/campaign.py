@@ -132,7 +132,7 @@ def print_summary(summary: Summary) -> None:
         f"{summary.cpu_s:g} s of CPU time"
     )
     if summary.first_error:
-        console.print(f"first error: {one_line(summary.first_error)}", markup=False)
+        console.print(f"first error: {one_line(summary.first_error)}", markup=False, soft_wrap=True)
     if len(summary.versions) > 1:
         console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
 

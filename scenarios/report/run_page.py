@@ -41,7 +41,7 @@ SCRIPTS = (
     "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js",
     "finished_run.js",
 )  # fmt: skip
-LEAD_S = 0.15  # from registered slip to the first shown instant, when the fingers have closed
+LEAD_S = 0.15  # from the first shown instant to registered slip
 
 
 def page_path(run: Path) -> Path:
@@ -61,6 +61,7 @@ def run_page(path: Path) -> str:
         "run.html", SCRIPTS,
         title=f"{run.scenario} · {config.object.name} · seed {run.metadata.get('seed', '?')}",
         badge=badge(run.verdict), sentence=sentence(run), remarks=remarks(run), run=run,
+        figures="" if run.verdict is None else "; ".join(facts(run.verdict)),
         fingers=FINGER_NAMES,
         view=View(*known, config.guard.force_limit_n, rule, evidence=not rule.probable),
         phases=_phase_rows(run), commands=[_command_row(sent) for sent in run.commands],
@@ -132,23 +133,31 @@ def _marks(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def _start_s(run: RunRecord, marks: list[dict[str, Any]]) -> float:
-    """The instant that the page shows first and prints: shortly after slip was registered,
-    otherwise the middle of the run."""
-    times = {mark["kind"]: mark["t"] for mark in marks}
-    first = times.get("registered", times.get("onset", times.get("impact")))
-    return float(run.t_s[len(run.t_s) // 2]) if first is None else first + LEAD_S
+    """The instant that the page shows first and prints: just before slip was registered, otherwise
+    before it began, before the tap, or when the lift started."""
+    times = {mark["kind"]: mark["t"] - LEAD_S for mark in marks}
+    first = next((times[k] for k in ("registered", "onset", "impact") if k in times), None)
+    return float(run.t_s[_lift_step(run)]) if first is None else max(first, float(run.t_s[0]))
+
+
+def _lift_step(run: RunRecord) -> int:
+    """Index of the sample at which the lift starts; 0 without a lift."""
+    lift_s = [change.t_ns * 1e-9 for change in run.phases if change.phase == State.LIFT]
+    first = int(np.searchsorted(run.t_s, lift_s[0])) if lift_s else 0
+    return min(first, len(run.t_s) - 1)
 
 
 def _scene(run: RunRecord) -> dict[str, Any]:
-    """Input of the side view; heights are relative to the arm's position at the start of the
+    """Input of the 3D view; heights are relative to the arm's position at the start of the
     lift."""
-    height_m = run.arm_m[:, 2]
-    lift_ns = [change.t_ns for change in run.phases if change.phase == State.LIFT][:1]
-    first = int(np.searchsorted(run.t_s, lift_ns[0] * 1e-9)) if lift_ns else 0
-    grip_m = float(height_m[min(first, len(height_m) - 1)])
-    known = height_m[np.isfinite(height_m)]
-    top_m = float(known.max()) if len(known) else 0.0
+    grip_m, top_m = float(run.arm_m[_lift_step(run), 2]), _top_m(run)
     return scene(run.config, grip_m if np.isfinite(grip_m) else 0.0, top_m)
+
+
+def _top_m(run: RunRecord) -> float:
+    """Greatest recorded height of the arm, m; 0 without one."""
+    known = run.arm_m[:, 2][np.isfinite(run.arm_m[:, 2])]
+    return float(known.max()) if len(known) else 0.0
 
 
 def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
@@ -218,23 +227,27 @@ def _origins(run: RunRecord) -> list[tuple[str, str]]:
 
 # The verdict in sentences
 
-# for outcomes whose name is not clear enough
 HEADS = {
-    "expelled": "The object was squeezed out of the hand",
-    "never_slipped": "The object did not slip, and no slip was registered",
-    "undetected": "The slip was not registered",
-    "false_start": "Slip was registered without any slip",
-    "cap_reached": "Still slipping at the force limit, so the object was set down",
-    "alarm_stayed": "Slip stayed registered after its end",
-    "over_force": "A force exceeded the limit",
-    "registered": "Slip was registered in time, and the status returned to nominal",
-    "unmoved_quiet": "The tap did not move the object, and no slip was registered",
-    "unmoved_registered": "The tap did not move the object, but slip was registered",
-    "late": "Slip was registered too late",
-    "never_nominal": "No tap, because slip stayed registered",
-    "fault": "Ended in a safe state",
-    "interrupted": "Interrupted, without a verdict",
-    "internal_error": "Ended by an internal error, without a verdict",
+    "held_within_6cm": "The {it} was lifted and held",
+    "held_within_12cm": "The {it} was lifted and held, after a slide of 6 to 12 cm",
+    "held": "The {it} was lifted and held",
+    "beyond_12cm": "The {it} was held only after a slide of more than 12 cm",
+    "dropped": "The {it} was dropped",
+    "expelled": "The {it} was squeezed out of the hand",
+    "never_slipped": "The {it} did not slip, so there was no slip to respond to",
+    "undetected": "The {it} slipped, but the slip was not registered",
+    "false_start": "The hand responded to a slip of the {it} that did not happen",
+    "cap_reached": "The {it} still slipped at the force limit, so it was set down",
+    "alarm_stayed": "The {it} was held, but slip stayed registered after it had stopped",
+    "over_force": "A force on the {it} exceeded the limit",
+    "registered": "The tap moved the {it}, and its slip was registered in time",
+    "unmoved_quiet": "The tap did not move the {it}, and no slip was registered",
+    "unmoved_registered": "The tap did not move the {it}, but slip was registered",
+    "late": "The tap moved the {it}, but its slip was registered too late",
+    "never_nominal": "There was no tap, because slip stayed registered",
+    "fault": "A fault ended the run of the {it} in a safe state",
+    "interrupted": "The run of the {it} was interrupted, without a verdict",
+    "internal_error": "An internal error ended the run of the {it}, without a verdict",
 }
 
 
@@ -246,12 +259,32 @@ def badge(verdict: Verdict | None) -> str:
 
 
 def sentence(run: RunRecord) -> str:
-    """The verdict in one sentence, with its figures."""
+    """What happened, for a reader who knows neither the run nor the names of its settings."""
     verdict = run.verdict
     if verdict is None:
         return "No verdict: the run has no readable result."
-    head = HEADS.get(verdict.outcome) or spelt(verdict.outcome).capitalize()
-    return f"{head}: {'; '.join(facts(verdict))}."
+    head = HEADS.get(verdict.outcome, spelt(verdict.outcome).capitalize())
+    texts = [head.format(it=verdict.object.replace("_", " "))]
+    if (rise_mm := 1e3 * (_top_m(run) - run.arm_m[_lift_step(run), 2])) >= 1.0:
+        texts[0] = texts[0].replace(" lifted", f" lifted {rise_mm:.0f} mm")
+    onset_s, late_ms = verdict.slip_onset_s, verdict.detection_latency_ms
+    texts += [] if onset_s is None else [f"It began to slip at {onset_s:.2f} s"]
+    if onset_s is not None and late_ms is not None:
+        texts[-1] += f"; this was registered {abs(late_ms):.0f} ms "
+        texts[-1] += "earlier" if late_ms < 0.0 else "later"
+        rise_ms = getattr(verdict, "reaction_latency_ms", None)
+        if rise_ms is not None and rise_ms >= late_ms:
+            texts[-1] += f", and the grip was tighter {rise_ms - late_ms:.0f} ms after that"
+    if onset_s is not None and verdict.slip_distance_m is not None:
+        texts[-1] += f". In all it slipped {verdict.slip_distance_m * 1e3:.1f} mm"
+    if peaks_n := verdict.peak_force_n or verdict.peak_estimated_n:
+        known = "" if verdict.peak_force_n else " estimated"
+        each = "a finger" if verdict.cap_mode == "every_finger" else "a motor"
+        texts.append(
+            f"Largest{known} force on a finger: {max(peaks_n.values()):.1f} N; commanded: "
+            f"{verdict.commanded_force_n:.1f} N of {verdict.force_limit_n:g} N allowed {each}"
+        )
+    return ". ".join(texts) + "."
 
 
 def remarks(run: RunRecord) -> list[str]:

@@ -23,7 +23,7 @@ from drivers.robotiq.protocol import (
 from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
-from drivers.ur.link.preflight import preflight
+from drivers.ur.link.preflight import preflight, require_ur_rtde
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import calibration, describe_calibration, weak_claim
 from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig
@@ -175,6 +175,10 @@ def arm_checks(config: Any) -> list[Check]:
     except GraspError as error:
         return [failed("arm", error)]
     checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
+    try:
+        require_ur_rtde()
+    except GraspError as error:
+        checks.append(failed("arm client", error))
     if report.version is None:
         return checks
     return [*checks, checked("arm pose", lambda: _arm_pose(host, timeout_s))]

@@ -96,9 +96,21 @@ def test_keys_select_samples_and_phases(lifted: Path, browser: Chromium) -> None
     assert index(browser) == last - 1
 
 
+def test_page_opens_on_the_second_around_the_slip(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    browser.open(lifted / "report.html")
+    slip_s = float(run.t_s[np.flatnonzero(run.registered)[0]])
+    assert 0.1 < slip_s - run.t_s[index(browser)] < 0.2
+    shown_phases = browser.text("#strip")
+    assert "compensate" in shown_phases and "release" not in shown_phases
+    browser.value("document.getElementById('span').click()")
+    assert browser.text("#span") == "one second"
+
+
 def test_click_on_a_plot_or_a_time_selects_that_instant(lifted: Path, browser: Chromium) -> None:
     run = read_run(lifted)
     browser.open(lifted / "report.html")
+    browser.value("document.getElementById('span').click()")
     x, y = browser.value(
         "(() => { const r = document.querySelector('#plot-force .u-over').getBoundingClientRect();"
         "return [r.left + r.width / 2, r.top + r.height / 2]; })()"

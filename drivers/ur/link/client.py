@@ -18,6 +18,7 @@ from drivers.ur.link.preflight import (
     preflight,
     raise_for_failures,
     require_stationary,
+    require_ur_rtde,
 )
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 from drivers.ur.settings import UrSettings
@@ -34,6 +35,8 @@ class UrLink:
     """
 
     def __init__(self, settings: UrSettings) -> None:
+        """Raises UsageError if ur_rtde is not installed."""
+        require_ur_rtde()
         self._settings = settings
         self._worker: WorkerProcess | None = None
         self._payload_kg: float | None = None

@@ -5,15 +5,18 @@ vaguely. These checks run first and report every failure with its remedy. Names:
 Exchange (RTDE) guide; commands: UR's dashboard server guide.
 """
 
+import importlib.util
 import math
+import platform
 import socket
 import struct
+import sys
 import time
 from typing import Final, Literal
 
 import msgspec
 
-from drivers.errors import DeviceFault, LinkLost
+from drivers.errors import DeviceFault, LinkLost, UsageError
 from drivers.interfaces import MIN_SPEED_FRACTION
 from drivers.ur.link.connections import (
     CHECK_CONNECTION,
@@ -46,6 +49,17 @@ _PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
 
 
 # preflight
+
+
+def require_ur_rtde() -> None:
+    """Raises UsageError if ur_rtde is not installed, as where it has no wheel."""
+    if importlib.util.find_spec("rtde_control") is None:
+        here = f"Python {sys.version_info[0]}.{sys.version_info[1]} on {platform.machine()}"
+        raise UsageError(
+            f"a UR arm, real or emulated, needs ur-rtde, which is not installed: this is {here}; "
+            "ur-rtde has wheels for Python 3.11 and 3.12 on x86_64",
+            "use one of these, or the rig simulated",
+        )
 
 
 class PreflightCheck(msgspec.Struct, frozen=True):

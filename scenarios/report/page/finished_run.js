@@ -4,6 +4,7 @@ async function showRun() {
   const player = makePlayer();
   player.begin(await unpack(data.series));
   player.seek(data.start);
+  player.zoom(true);
   document.documentElement.dataset.ready = "yes";
 }
 

@@ -110,10 +110,16 @@ function makePlayer() {
   const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-3) || {t: times[0]}).t);
   const toggle = () => (playing ? stop() : start());
 
+  // the button offers the other range
+  function zoom(near) {
+    plots.zoom(near);
+    at("span").textContent = near ? "whole run" : "one second";
+  }
+
   function addListeners() {
     slider.addEventListener("input", () => choose(times[slider.value]));
     play.addEventListener("click", toggle);
-    at("span").addEventListener("change", (event) => plots.zoom(event.target.value === "near"));
+    at("span").addEventListener("click", () => zoom(at("span").textContent !== "whole run"));
     at("on").addEventListener("click", next);
     at("back").addEventListener("click", before);
     document.addEventListener("click", (event) => {
@@ -143,7 +149,7 @@ function makePlayer() {
     }
   }
   addListeners();
-  return {begin, grow, seek, latest: () => seek(times[last]), onMove: (hook) => { moved = hook; }};
+  return {begin, grow, seek, zoom, latest: () => seek(times[last]), onMove: (hook) => { moved = hook; }};
 }
 
 function complain(error) {

@@ -73,6 +73,7 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> list[RecordingWorker]:
     def preflight(host: str, step_timeout_s: float, upper_registers: bool = True) -> None:
         assert host == SETTINGS.host and step_timeout_s > 0.0 and upper_registers
 
+    monkeypatch.setattr(client, "require_ur_rtde", lambda: None)
     monkeypatch.setattr(client, "preflight", preflight)
     monkeypatch.setattr(client, "raise_for_failures", lambda _: None)
     monkeypatch.setattr(client, "require_stationary", preflight)

@@ -12,7 +12,6 @@ import pytest
 from grasp.messages import PHASES
 from scenarios.report.run_page import HEADS, run_page
 from scenarios.report.run_record import read_run
-from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RESULT
 from tests.unit.scenarios.report.conftest import Message, changed, data_of, unpacked
 
@@ -54,11 +53,14 @@ def test_page_loads_nothing_from_other_addresses(page: str) -> None:
 def test_page_shows_the_verdict_with_its_figures(recorded: Path, page: str) -> None:
     result = json.loads((recorded / RESULT).read_text())
     (title,) = re.findall(r"<h1>(.*?)</h1>", page, re.DOTALL)
-    assert (HEADS.get(result["outcome"]) or spelt(result["outcome"]).capitalize()) in title
-    assert f"{result['slip_distance_m'] * 1e3:.1f} mm" in title
-    assert f"peak force A {result['peak_force_n']['A']:.1f}, " in title
-    assert "limit 10 N, every_finger: it applies to each finger" in title
-    assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in title
+    assert HEADS[result["outcome"]].format(it="can").split(" lifted")[0] in title
+    assert f"slipped {result['slip_distance_m'] * 1e3:.1f} mm" in title
+    assert f"{max(result['peak_force_n'].values()):.1f} N; commanded" in title
+    assert "_" not in title
+    (figures,) = re.findall(r'<p class="hint">In figures: (.*?)</p>', page, re.DOTALL)
+    assert f"peak force A {result['peak_force_n']['A']:.1f}, " in figures
+    assert "limit 10 N, every_finger: it applies to each finger" in figures
+    assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in figures
     assert not remarks(page)
 
 

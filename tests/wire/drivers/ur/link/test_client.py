@@ -18,6 +18,7 @@ from drivers.ur.driver import ArmDriver
 from drivers.ur.link import client
 from drivers.ur.link.client import UrLink
 from drivers.ur.settings import ArmSettings, UrSettings
+from tests.ur_rtde import needs_ur_rtde
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
@@ -323,6 +324,7 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
 
 
+@needs_ur_rtde
 def test_an_unconnected_link_cannot_be_read():
     link = UrLink(UrSettings(host="127.0.0.2"))
     with pytest.raises(LinkLost, match="connect"):
