@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import grasp
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import ConfigError, GraspError, UsageError
 from scenarios.library.results import Lift
 from scenarios.rigs import wired
 
@@ -96,3 +96,13 @@ def test_no_call_opens_a_real_device(call: Any, opened: list[str], tmp_path: Pat
         call(rig="hardware", settings=LAB, permit=object())
     assert opened == []
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"seed": -1}, {"seed": "x"}, {"object": 3}, {"detector": 5}, {"settings": 5}, {"rig": "sim"}],
+)
+def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) -> None:
+    with pytest.raises(GraspError) as error:
+        grasp.lift(**wrong)
+    assert str(next(iter(wrong.values()))) in error.value.message
