@@ -267,7 +267,9 @@ def check_version(version: Version) -> PreflightCheck:
             "program checks remote control, robot and safety mode, and by which `grasp arm stop` "
             "ends programs"
         )
-        return PreflightCheck("version", "fail", detail, "use an arm with PolyScope 3.15 or 5")
+        return PreflightCheck(
+            "version", "fail", detail, "use an arm with PolyScope 3.15 or 5.5 to 5.22"
+        )
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
