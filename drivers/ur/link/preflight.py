@@ -48,9 +48,6 @@ _POLYSCOPE_X = (10,)  # and later versions
 _PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
 
 
-# preflight
-
-
 def require_ur_rtde() -> None:
     """Raises UsageError if ur_rtde is not installed, as where it has no wheel."""
     if importlib.util.find_spec("rtde_control") is None:
@@ -267,7 +264,8 @@ def check_version(version: Version) -> PreflightCheck:
             "program checks remote control, robot and safety mode, and by which `grasp arm stop` "
             "ends programs"
         )
-        return PreflightCheck("version", "fail", detail, "use an arm with PolyScope 3.15 or 5")
+        remedy = "use an arm with PolyScope 3.15 or 5.5 to 5.22"
+        return PreflightCheck("version", "fail", detail, remedy)
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
