@@ -249,7 +249,7 @@ def _add_devices(root: Parser) -> None:
     status.option("device", "device to query", choices=("gripper", "arm"))
     _add_lab(status, moves=False)
     _add_gripper(root.command("gripper", "activate the gripper, move it slowly", section=LAB))
-    _add_arm(root.command("arm", "move the arm by one slow step, or stop it", section=LAB))
+    _add_arm(root.command("arm", "a slow step, the way back to a run's start, a stop", section=LAB))
     _add_tactile(root.command("tactile", "show fingertip wiring, rest and noise", section=LAB))
     _add_calibrate(root.command("calibrate", "calibrate counts, force and noise", section=LAB))
     release = root.command("release", f"open all fingers {SLOW}", ". Support the object first: it "
@@ -289,8 +289,11 @@ def _add_arm(group: Parser) -> None:
         ("grasp arm step --z 3 --config lab.toml --confirm-motion",))  # fmt: skip
     for axis, text in (("x", "mm along x"), ("y", "mm along y"), ("z", "mm upwards")):
         step.option(f"--{axis} MM", text, decimal(-5, 5, "mm"), default=0.0)
+    back = group.command("back", f"move back to the height where a run began, at {ARM_SPEED}", "",
+        ("grasp arm back --config lab.toml --confirm-motion",))  # fmt: skip
+    back.option("run RUN", "folder of the run (default: the last one in runs/)", Path, nargs="?")
     stop = group.command("stop", "stop the arm's program; needs no --confirm-motion")
-    for parser in (step, stop):
+    for parser in (step, back, stop):
         _add_lab(parser)
 
 

@@ -16,6 +16,7 @@ from scenarios.rigs.calibration import calibration, settings_to_open
 from scenarios.rigs.device_checks import WRONG_DEVICE, arm_checks, other_devices, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
 from scenarios.rigs.rig import not_active_error
+from scenarios.trial.run_folder import last_start
 
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: the hand is active"
@@ -215,6 +216,34 @@ def arm_step(args: argparse.Namespace) -> int:
     def act(permit: Any) -> lab.Done:
         at_m = arm.step_arm(config, permit, by_m, lab.say)
         return lab.Done(f"the arm is at {_position(at_m)}, after {step}")
+
+    return lab.perform(args, config, plan, look, act, warn)
+
+
+def arm_back(args: argparse.Namespace) -> int:
+    config = lab.load_config(args)
+    run, start_m = last_start(config.rig, args.run)
+    if config.devices.arm:
+        raise UsageError("an arm of another package has no position here", "use `grasp arm step`")
+    _, now = arm_preflight.read_status(arm_address(config), config.ur.step_timeout_s)
+    x, y, z = now.pose[:3]
+    way_m = arm.check_back((x, y, z), start_m)
+
+    def plan() -> str:
+        return (f"move the arm at {arm_address(config)} by z {way_m[2] * 1e3:+.1f} mm, "
+                f"to where {run} began, at {ARM_SPEED}; nothing may be in its way")  # fmt: skip
+
+    def look() -> str:
+        preflight.check_arm(config)
+        return plan()
+
+    def warn() -> None:
+        lab.say(f"will {plan()}")
+        lab.warn_of_slow_arm(config)
+
+    def act(permit: Any) -> lab.Done:
+        at_m = arm.move_back(config, permit, way_m, lab.say)
+        return lab.Done(f"the arm is at {_position(at_m)}, where {run} began")
 
     return lab.perform(args, config, plan, look, act, warn)
 

@@ -143,7 +143,8 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
                   f"{config.controller.slip_response}")  # fmt: skip
             _print_height(result, config)
             if args.first and failure is None and result.success:
-                print("  next: the same without --first, at full speed, then your own object")
+                print("  next: `grasp arm back` to the start, then the same without --first, at "
+                      "full speed, then your own object")  # fmt: skip
             elif args.first and failure is None:
                 say("check the phases above before you continue")
         _say_reported(result)

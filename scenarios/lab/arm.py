@@ -1,8 +1,10 @@
-"""Motion of a real arm without a run: one short slow step, or a stop."""
+"""Motion of a real arm without a run: a short slow step, the way back to a run's start, a stop."""
 
 import math
 import time
 from contextlib import suppress
+
+import msgspec
 
 from drivers.errors import DeviceFault, LinkLost, Refused, UsageError, on_failure
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
@@ -15,7 +17,10 @@ from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving
 from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
 
+replace = msgspec.structs.replace
+
 MOST_STEP_M = 0.005
+MOST_BACK_M = 0.3  # a run of the packaged profiles ends at most 0.25 m above its start
 SPEED_MPS, ACCELERATION_MPS2 = 0.01, 0.1  # slow; assumed
 STOP_MPS2 = 1.0  # as in a safe state
 MOVE_S, STOP_S = 5.0, 3.0
@@ -47,18 +52,48 @@ def step_arm(
 
     Raises UsageError without a permit, the errors of ``check_step``, and the drivers' errors.
     """
-    require(permit)
     check_step(config, step_m)
+    return _move(config, permit, step_m, say)
+
+
+def check_back(at_m: Vector3, start_m: Vector3) -> Vector3:
+    """The straight way back from a position to a run's start in the base frame, m.
+
+    Raises Refused where it is no short vertical way, as a run makes it, because something may stand
+    in another one."""
+    x, y, z = (start - at for at, start in zip(at_m, start_m, strict=True))
+    if math.hypot(x, y) > MOST_STEP_M or abs(z) > MOST_BACK_M:
+        raise Refused(
+            f"the run began at x {x * 1e3:+.1f}, y {y * 1e3:+.1f}, z {z * 1e3:+.1f} mm from here: "
+            "not straight above or below",
+            "move the arm with the teach pendant",
+        )
+    return x, y, z
+
+
+def move_back(
+    config: TrialConfig, permit: MotionPermit | None, way_m: Vector3, say: Say
+) -> Vector3:
+    """Move the way of ``check_back`` at 10 mm/s, also below the workspace of this start, which is
+    inside that of the run; otherwise as ``step_arm``."""
+    low_x, low_y, low_z = config.arm.workspace_low_m
+    widened = replace(config.arm, workspace_low_m=(low_x, low_y, min(low_z, way_m[2] - 0.001)))
+    return _move(replace(config, arm=widened), permit, way_m, say)
+
+
+def _move(config: TrialConfig, permit: MotionPermit | None, by_m: Vector3, say: Say) -> Vector3:
+    require(permit)
     clock = WallClock(WallClock().now_ns)
     with driving(arm_of(config)), open_arm(config, lambda: clock.now_ns) as arm:
         arm.poll(clock.now_ns)
         arm.set_payload(config.arm.payload_kg)
         arm.poll(clock.now_ns)
         x, y, z = _position(arm)
-        dx, dy, dz = step_m
+        dx, dy, dz = by_m
         with on_failure(lambda: say(_stop(arm, clock))):
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
-            _wait_until_stopped(arm, clock, MOVE_S, interruptible=True)
+            within_s = MOVE_S + math.hypot(*by_m) / SPEED_MPS
+            _wait_until_stopped(arm, clock, within_s, interruptible=True)
         return _position(arm)
 
 

@@ -40,6 +40,32 @@ def find_recording(path: Path) -> Path:
     return path / RECORDING if path.is_dir() else path
 
 
+class _Start(msgspec.Struct):
+    """What ``last_start`` reads of a result."""
+
+    rig: str
+    home_m: Vector3 | None = None
+
+
+def last_start(rig: str, run: Path | None) -> tuple[Path, Vector3]:
+    """A run's folder, or the last one on this rig, and the arm's position where it began, m. Raises
+    UsageError where that is unknown."""
+    found = [RUNS / run if not (run / RESULT).exists() else run] if run else _newest()
+    for folder in found:
+        with suppress(OSError, msgspec.MsgspecError):
+            start = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
+            if start.rig == rig and start.home_m is not None:
+                return folder, start.home_m
+    where = run or f"the folder {RUNS}"
+    raise UsageError(f"{where}: no result of a run on rig {rig} with the arm's start",
+                     "move the arm with the teach pendant")  # fmt: skip
+
+
+def _newest() -> list[Path]:
+    results = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{RESULT}")]
+    return [folder for _, folder in sorted(results, reverse=True)]
+
+
 def open_trial(path: Path) -> RunRecording:
     """Open the recording of a trial, given its folder or file; raises BadFile for other files."""
     recording = RunRecording(find_recording(path), RUN_CHANNELS)

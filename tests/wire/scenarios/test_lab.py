@@ -10,6 +10,7 @@ import threading
 import time
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +19,7 @@ from drivers.robotiq.emulator import GripperEmulator
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from drivers.ur.link.connections import Rtde
+from drivers.ur.link.preflight import read_status
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of
@@ -111,6 +113,27 @@ def test_arm_moves_by_the_given_step_without_an_address_of_a_gripper(lab: Lab) -
     back = grasp("arm", "step", "--z", "-3", *HARDWARE, *alone, *CONFIRMED)
     assert back.code == 0, back
     assert "safety mode 1: normal" in lab.grasp("status", "arm").out
+
+
+@needs_ur_rtde
+def test_arm_moves_back_to_the_start_of_a_run_but_not_sideways(lab: Lab, tmp_path: Path) -> None:
+    _, now = read_status(lab.config.ur.host, PATIENCE_S)
+    x, y, z = now.pose[:3]
+
+    def back(*start_m: float, rig: str = "hardware") -> Any:
+        (tmp_path / "result.json").write_text(json.dumps({"rig": rig, "home_m": start_m}))
+        return lab.grasp("arm", "back", str(tmp_path), *CONFIRMED)
+
+    before_m = lab.height_m
+    moved = back(x, y, z - 0.02)
+    assert moved.code == 0 and "by z -20.0 mm, to where" in moved.err, moved
+    assert lab.height_m - before_m == pytest.approx(-0.02, abs=0.0003)
+    assert back(x, y, z).code == 0
+    for start_m in ((x + 0.01, y, z), (x, y, z - 0.31)):
+        refused = back(*start_m)
+        assert refused.code == 4 and "not straight above or below" in refused.err
+    assert "no result of a run on rig hardware" in back(x, y, z, rig="emulated").err
+    assert lab.height_m == pytest.approx(before_m, abs=0.0003)
 
 
 @needs_ur_rtde
