@@ -34,7 +34,7 @@ TRAIN := .venv/.installed-train
 CLUSTER := .venv/.installed-cluster
 CHARTS := .venv/.installed-charts
 DOCS := .venv/.installed-docs
-PYTHON ?= python3.12 python3.11 python3
+PYTHON ?= python3.12 python3.11 python3.13 python3
 OBJECT ?= can
 
 .PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
@@ -55,14 +55,14 @@ endif
 $(MADE):
 	@rm -rf .venv
 	@for python in $(PYTHON); do \
-	  if "$$python" -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))' 2>/dev/null; then \
+	  if "$$python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 	    echo "creating .venv with $$("$$python" --version)"; \
 	    "$$python" -m venv .venv; \
 	    printf '%s\n' "$(CURDIR)" > $@; \
 	    exit 0; \
 	  fi; \
 	done; \
-	echo "make: no usable Python 3.11 or 3.12 with venv found; install one (on Debian: apt-get install python3.11-venv) or name it with make PYTHON=/path/to/python3.12" >&2; \
+	echo "make: no usable Python 3.11, 3.12 or 3.13 with venv found; install one (on Debian: apt-get install python3.11-venv) or name it with make PYTHON=/path/to/python3.12" >&2; \
 	exit 1
 
 # Stamps are touched last: an install that fails leaves none, and the next make tries again.
@@ -107,7 +107,12 @@ docs: $(DOCS)
 # a short lift: the hand takes 1 s to activate, not 6, and the arm lifts by 10 cm, not 20
 SHORT := --set hand.activation_s=1 --set controller.lift_height_m=0.1 --set controller.lower_speed_mps=0.1
 lift: install
-	$(BIN)/grasp run lift --object $(OBJECT) $(SHORT) --report
+	@rig=emulated; \
+	if ! $(BIN)/python -c 'import sys; from importlib.util import find_spec as find; sys.exit(not find("rtde_control"))'; then \
+	  rig=simulated; \
+	  echo "ur-rtde has no wheel for $$($(BIN)/python --version) on $$(uname -m): no emulated arm, so the lift is on the rig simulated"; \
+	fi; \
+	set -x; $(BIN)/grasp run lift --object $(OBJECT) $(SHORT) --rig $$rig --report
 
 # lint-imports' cache keeps old answers when a module is new; without it takes no longer
 check: install-dev
@@ -169,7 +174,7 @@ bench: install-dev
 results: install-dev install-charts
 	$(BIN)/python -m studies results $(if $(AGAIN)$(ONLY),--again) $(if $(ONLY),--only $(ONLY)) $(if $(REAL),--real $(REAL)) $(if $(JOBS),--jobs $(JOBS))
 
-# One resolution for both Pythons; base is held to what dev found, train to both.
+# One resolution for all Pythons and platforms; base is held to what dev found, train to both.
 UV ?= uv
 COMPILE := $(UV) pip compile --quiet --upgrade --universal --python-version 3.11 --fork-strategy fewest --no-header
 lock:

@@ -2,16 +2,19 @@
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import shlex
+import socket
+import stat
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError
@@ -21,13 +24,21 @@ PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # modes, independent of the umask
 PATH_ERRORS = frozenset({
     errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST,
 })  # fmt: skip
+DESCRIPTORS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # folders of open descriptors
+CACHE_VARIABLES = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
 MOST_HOLDER_BYTES = 65_536
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path is a device, a pipe or an open descriptor such as /dev/stdout."""
+    return path.exists() and (not path.is_file() or path.parent in DESCRIPTORS)
+
+
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
-    """Replace a file's content completely or not at all. Raises OSError."""
-    if path.exists() and not path.is_file():  # /dev/stdout
-        path.write_bytes(content)
+    """Replace a file's content completely or not at all; append to a stream. Raises OSError."""
+    if is_stream(path):
+        with path.open("ab") as stream:
+            stream.write(content)
         return
     partial = path.with_name(partial_name(path.name, str(os.getpid())))
     try:
@@ -59,6 +70,29 @@ def make_private_folder(path: Path, exist_ok: bool = True) -> None:
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=exist_ok)
+
+
+def use_writable_cache() -> None:
+    """Let libraries keep their files where they can: omit folders in the environment that cannot be
+    written, and replace a user's cache folder like that by one of the temporary directory. Numba
+    refuses to compile without such a folder."""
+    for name in CACHE_VARIABLES:
+        folder = Path(os.path.expanduser(os.environ.pop(name, "")))
+        if folder.is_absolute() and not why_not_writable(nearest_folder(folder)):
+            os.environ[name] = str(folder)
+    usual = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    if usual.is_absolute() and not why_not_writable(nearest_folder(usual)):
+        return
+    ours = Path(gettempdir()).absolute() / f"grasp-cache-{os.getuid()}"
+    with suppress(OSError):
+        make_private_folder(ours)
+        found = ours.lstat()  # code is loaded from there: nobody else may write it
+        if (
+            stat.S_ISDIR(found.st_mode)
+            and found.st_uid == os.getuid()
+            and not found.st_mode & 0o022
+        ):
+            os.environ["XDG_CACHE_HOME"] = str(ours)
 
 
 def nearest_folder(folder: Path) -> Path:
@@ -105,10 +139,11 @@ def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
     """Hold the lock file ``path``, created with ``mode`` and removed afterwards.
 
     The system releases the lock (flock) when its holder ends, so a remaining file means nothing.
+    Somebody may remove the file meanwhile, so the holder also has the path's name as a socket.
     If another process holds it, raises the error that ``refusal`` makes of the holder (None: not
     written yet). Raises OSError too.
     """
-    file = _lock(path, mode, refusal)
+    file, name = _lock(path, mode, refusal)
     try:
         with suppress(OSError):  # e.g. a full disk: the lock holds without the name too
             command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
@@ -120,24 +155,34 @@ def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
         with suppress(OSError):  # the file of another user, in a sticky folder
             path.unlink()
         os.close(file)
+        name.close()
 
 
-def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]) -> int:
-    """Lock the file at the path, not one that its last holder has just removed."""
+def _lock(
+    path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
+) -> tuple[int, socket.socket]:
+    """Lock the file at the path, not one that its last holder has just removed, and its name."""
+    name = socket.socket(socket.AF_UNIX)
+    named = f"\0grasp-{hashlib.sha256(os.fsencode(path.resolve())).hexdigest()}"
     while True:
         file = _open_or_make(path, mode)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            if os.path.samestat(os.fstat(file), path.stat()):
+                name.bind(named)
+                return file, name
+        except FileNotFoundError:
+            pass
+        except OSError as error:
             text = os.pread(file, MOST_HOLDER_BYTES, 0)
             os.close(file)
+            name.close()
+            if error.errno not in (errno.EWOULDBLOCK, errno.EADDRINUSE):
+                raise
             holder = None
             with suppress(ValueError, TypeError):
                 holder = Holder(**json.loads(text))
             raise refusal(holder) from None
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file), path.stat()):
-                return file
         os.close(file)
 
 

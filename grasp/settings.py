@@ -110,7 +110,8 @@ def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
 
 def suggestion(word: str, known: Sequence[str]) -> str:
     """Hint at the most similar known word, to append to a message; empty if there is none."""
-    close = difflib.get_close_matches(word, known, n=1)
+    close = [each for each in known if len(word) > 2 and each.startswith(word)]
+    close = close or difflib.get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

@@ -1,5 +1,6 @@
 """`python -m studies NAME`: run a study. Without a name, list them."""
 
+import signal
 import sys
 from importlib import import_module
 from pkgutil import iter_modules
@@ -46,4 +47,5 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader such as `head` may end first
     sys.exit(main(sys.argv[1:]))

@@ -36,7 +36,8 @@ from drivers.robotiq.settings import DriverSettings
 
 _ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
-_OTHER_MODE = "the gripper reports mode {}, but was in mode {} at connection or activation"
+_DISOBEYS = "activation did not complete: the device does not obey (gACT {:d}, gIMC {})"
+_WRONG_DEVICE = "verify that the address is the gripper's; switch the gripper off and on"
 _CHANGED = "another client changed the gripper's registers, or they are misreported: {}"
 _END_IT = "end every other program that commands the gripper"
 _WHO_ELSE = "end every other program that commands it; switch it off and on, activate it"
@@ -230,11 +231,16 @@ class HandTracker:
                 self._activation = Activation.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
         was_other = self._other_mode
-        self._other_mode = status.mode != self.mode and status.ready
+        self._other_mode = status.mode != self.mode and status.active
         if self._other_mode and not was_other:
-            raise DeviceFault(_OTHER_MODE.format(status.mode, self.mode), _WHO_ELSE)
+            difference = f"rMOD {status.mode}, expected {self.mode}"
+            raise DeviceFault(_CHANGED.format(difference), _WHO_ELSE)
         if self._activation is not Activation.NONE and now_ns > self._deadline_ns:
+            expected = self._activation is Activation.ACTIVATING
             self._activation = Activation.NONE
+            if (status.initialization != 0) != expected:
+                seen = _DISOBEYS.format(status.active, status.initialization)
+                raise DeviceFault(seen, _WRONG_DEVICE)
             raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
 
     # Activation

@@ -157,6 +157,12 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
         """Activated, and no activation or mode change is under way (byte 0 & 0x31 = 0x31)."""
         return self.active and self.initialization == 3
 
+    @property
+    def zeros_note(self) -> str:
+        """Note for a status of zeros; empty for any other."""
+        zeros = self == StatusRegisters()
+        return "; every register is 0: other devices may answer the same" if zeros else ""
+
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         if len(data) != BYTES:
@@ -206,7 +212,11 @@ _KNOWN: Final = {
     0x00: (Severity.NONE, "", ""),
     0x05: (Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
     0x06: (Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
-    0x07: (Severity.PRIORITY, "rACT must be set before any action", "activate"),
+    0x07: (
+        Severity.PRIORITY,
+        "rACT is not set: the hand lost power, or another client cleared it",
+        "activate",
+    ),
     0x09: (Severity.MINOR, "communication chip not ready, may be booting", "wait"),
     0x0A: (Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"),
     0x0B: (Severity.MINOR, "automatic release in progress", "wait until it is open"),

@@ -54,6 +54,10 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         tuple[float, float, float],
         Meta(description="m, centre of gravity of the payload from the flange; assumed"),
     ] = (0.0, 0.0, 0.06)
+    upper_registers: Annotated[
+        bool,
+        Meta(description="use RTDE registers 24 to 47, since a fieldbus takes those below"),
+    ] = False
     watchdog_hz: Annotated[
         float, Meta(ge=1, le=50, description="watchdog kicks per s; with fewer the arm stops")
     ] = 10.0

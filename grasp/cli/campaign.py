@@ -31,6 +31,7 @@ from scenarios.campaign.summary import (
     summarize,
     wilson,
 )
+from scenarios.world import COMPILING, is_compiled
 
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
 WIDTH_WITHOUT_TERMINAL = 160
@@ -73,6 +74,8 @@ def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
 def campaign_run(args: argparse.Namespace) -> int:
     spec = _spec(args)
     out, last = args.out or default_path(spec), None
+    if not is_compiled():
+        exits.print_detail(COMPILING)
     with progress(spec.name, hidden=args.json) as bar:
 
         def report(at: Any) -> None:
@@ -132,7 +135,7 @@ def print_summary(summary: Summary) -> None:
         f"{summary.cpu_s:g} s of CPU time"
     )
     if summary.first_error:
-        console.print(f"first error: {one_line(summary.first_error)}", markup=False)
+        console.print(f"first error: {one_line(summary.first_error)}", markup=False, soft_wrap=True)
     if len(summary.versions) > 1:
         console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
 

@@ -18,7 +18,8 @@ from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.session import pressed_gain
 from scenarios.campaign.config import load_config
 from scenarios.campaign.experiments import EXPERIMENTS
-from scenarios.rigs.compilation import COMPILING, count_compilation
+from scenarios.rigs.compilation import count_compilation
+from scenarios.world import COMPILING
 
 EVERY_S = 5.0
 

@@ -67,11 +67,10 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.compilation import COMPILING, on_first_compilation
+            from scenarios.rigs.compilation import tell_of_compilation
 
-            line = view.StatusLine(f"setting up: {COMPILING}")
-            said = on_first_compilation(lambda: self.show_waiting(line))
-            self._until_closed.enter_context(said)
+            say = lambda text: self.show_waiting(view.StatusLine(f"setting up: {text}"))  # noqa: E731
+            self._until_closed.enter_context(tell_of_compilation(say))
         return self
 
     def __exit__(self, *_: object) -> None:

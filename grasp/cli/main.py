@@ -57,8 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: Sequence[str], as_json: bool) -> int:
     try:
-        _check_text(words)
-        args = build_parser().parse_args(words)
+        args = build_parser().parse_args([_checked(word) for word in words])
     except UsageError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     code = exits.SUCCESS
@@ -70,7 +69,12 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         signalled = exits.close_output()
         return code or signalled
     except OSError as error:
-        return code or _failed(error, as_json)
+        code = code or _failed(error, as_json)
+        try:
+            sys.stdout.flush()
+        except OSError:  # a full disk: at its end the interpreter would try and complain again
+            exits.close_output()
+        return code
     except BaseException as error:  # also of libraries, for example sys.exit()
         return _failed(error, as_json)
     return code
@@ -91,11 +95,15 @@ def _failed(error: BaseException, as_json: bool) -> int:
     return exits.INTERNAL
 
 
-def _check_text(words: Sequence[str]) -> None:
-    """Raise UsageError for text that is not valid in file names or messages."""
-    for word in words:
-        if "\0" in word or word.encode(errors="replace").decode() != word:
-            raise UsageError(f"{word}: not UTF-8 text without NUL", "use other characters")
+def _checked(word: str) -> str:
+    """The word, with the home folder for `~/`, which no shell replaces in `--runs=~/runs`. Raises
+    UsageError for text that is not valid in file names or messages."""
+    if "\0" in word or word.encode(errors="replace").decode() != word:
+        raise UsageError(f"{word}: not UTF-8 text without NUL", "use other characters")
+    option, equals, value = word.rpartition("=")
+    if value.startswith("~/") and os.path.expanduser(value) == value:
+        raise UsageError(f"{word}: the home folder is not known", "set HOME, or omit `~`")
+    return f"{option}{equals}{os.path.expanduser(value)}" if value.startswith("~/") else word
 
 
 def _system_error(error: OSError) -> tuple[str, str, str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli.parser import Parser
-from grasp.files import nearest_folder, why_not_writable, write_error
+from grasp.files import is_stream, nearest_folder, why_not_writable, write_error
 
 if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
@@ -76,7 +76,7 @@ def _problem(path: Path, folder: Path) -> str:
     try:
         if path.is_dir():
             return "is a folder"
-        if path.exists() and not path.is_file():  # /dev/stdout
+        if is_stream(path):
             return ""
     except OSError as error:
         return write_error(error, folder)
@@ -87,7 +87,8 @@ def check_writable(path: Path, begins: str = "") -> None:
     """Raise UsageError if the file cannot be written, or exists and does not begin with
     ``begins``."""
     problem = _problem(path, path.parent)
-    if begins and path.is_file() and not path.read_bytes().startswith(begins.encode()):
+    begun = begins and path.is_file() and not is_stream(path)
+    if begun and not path.read_bytes().startswith(begins.encode()):
         problem = "exists already"
     if problem:
         raise UsageError(f"{path}: {problem}", "name another file")

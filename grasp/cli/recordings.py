@@ -10,7 +10,7 @@ from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.options import PICTURES, check_writable, need
 from grasp.cli.output import print_status, show
-from grasp.files import write_whole
+from grasp.files import is_stream, write_whole
 
 SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
@@ -177,7 +177,8 @@ def export(args: argparse.Namespace) -> int:
     out = args.out or default
     check_writable(out, begins)
     write_whole(out, content.encode(), private=True)
-    print(out)
+    if not is_stream(out):
+        print(out)
     return exits.SUCCESS
 
 
@@ -208,9 +209,11 @@ def _draw(run: Path, out: Path | None, to: str) -> Path:
     need("charts", "matplotlib")
     from scenarios.report.animation import animate_run
     from scenarios.report.export import draw_run
-    from scenarios.trial.run_folder import find_recording
+    from scenarios.trial.run_folder import RECORDING, find_recording
 
-    out = out or find_recording(run).with_name(f"run.{to}")
+    recording = find_recording(run)
+    name = "run" if recording.name == RECORDING else recording.stem
+    out = out or recording.with_name(f"{name}.{to}")
     endings = PICTURES if to == "svg" else (".gif",)
     if out.suffix not in endings:
         raise UsageError(f"--out {out}: not an image file name",

@@ -49,6 +49,9 @@ def run_lift(args: argparse.Namespace) -> int:
         config = begin_first(config, permit, args)
         make_guard(config)
     check_weights(config)
+    grip_n, limit_n = config.controller.grip_force_n, config.guard.force_limit_n
+    if grip_n > limit_n:
+        say(f"grip force {grip_n:g} N is reduced to guard.force_limit_n, {limit_n:g} N")
 
     def begin() -> None:
         if not args.json and (rule := rule_of_weights(config)):

@@ -25,6 +25,7 @@ from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
+from scenarios.world import COMPILING, is_compiled
 
 PROGRESS_S = 10.0  # longest time between two progress lines of a training
 # options that are settings of a training
@@ -40,6 +41,8 @@ def dataset_build(args: argparse.Namespace) -> int:
     if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
         planned += f"; {too_short(short)}: a larger --share makes them longer"
     exits.print_detail(planned)
+    if not is_compiled():
+        exits.print_detail(COMPILING)
     finished = 0
     with progress("recordings", hidden=args.json) as bar:
 

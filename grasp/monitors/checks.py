@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.interfaces import FINGERS, ArmState
-from grasp.commands import Command, MoveArm, StopArm
+from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors.arm import ArmHistory
 from grasp.monitors.fingertips import FingertipHistory
@@ -59,9 +59,12 @@ CHECKS = {
     "arm_flickers": Check(ARM, "alternately reports motion and standstill"),
     "arm_frozen": Check(ARM, "no motion for {seconds:g} s, although it must move"),
     "gripper_inactive": Check(GRIPPER,
-        "the hand has lost its activation and executes no motion", vital=True),
+        "the hand is not active: it lost power, or another client cleared rACT",
+        vital=True),
     "gripper_impossible": Check(GRIPPER, "finger {finger} {how}"),
-    "gripper_silent": Check(GRIPPER, "no response to a command for {seconds:g} s"),
+    "gripper_unconfirmed": Check(GRIPPER,
+        "another client changed the gripper's registers, or the gripper ignores commands: {how}, "
+        "for {seconds:g} s"),
     "gripper_stands": Check(GRIPPER, "finger {finger} reports motion but does not move"),
     "gripper_flickers": Check(GRIPPER,
         "finger {finger} alternately reports motion and standstill"),
@@ -149,6 +152,8 @@ class Monitors:
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
                 self.arm.sent(command, arm_state)
+            elif isinstance(command, GripperCommand):
+                self.gripper.sent(command)
 
 
 def invalid_probabilities(output: object) -> Fault | None:

@@ -1,9 +1,12 @@
 """Plausibility of the gripper's status: impossible values, and motion that ignores commands."""
 
-from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, GripperState
+from collections.abc import Sequence
+
+from drivers.interfaces import FINGER_NAMES, FINGERS, Counts3, Detection, GripperState
+from grasp.commands import CloseFast, GripperCommand, MoveFingers, OpenFingers
 from grasp.monitors.settings import FLIPS, Failures, Fields, MonitorSettings, too_often
 
-OUTDATED_READS = 5  # status reads before it counts as silent: a command may be on its way for two
+OUTDATED_READS = 5  # status reads before a command counts as ignored: it may be on its way for two
 CONTACT = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)
 # A finger whose motor draws so much is in contact (manual p. 68-73: 110-160 mA in free motion). At
 # its force limit it creeps, so it may keep its count for as long as this; assumed.
@@ -20,11 +23,16 @@ class GripperHistory:
     def __init__(self, settings: MonitorSettings) -> None:
         self._settings = settings
         self._last: GripperState | None = None
+        self._command: GripperCommand | None = None
         self._fresh_ns = 0  # time of the last status that includes the last command
         self._outdated_reads = 0  # status reads since
         self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
         self._flips_ns: list[list[int]] = [[], [], []]  # times at which each report changed
+
+    def sent(self, command: GripperCommand) -> None:
+        """Take a command of this step."""
+        self._command = command
 
     def update(self, state: GripperState) -> Failures:
         """Take the status of this step; returns the checks that it fails."""
@@ -40,8 +48,8 @@ class GripperHistory:
             failures["gripper_impossible"] = impossible
         if state.fresh:
             self._fresh_ns, self._outdated_reads = state.t_ns, 0
-        elif silent := self._silent(state):
-            failures["gripper_silent"] = silent
+        elif unconfirmed := self._unconfirmed(state):
+            failures["gripper_unconfirmed"] = unconfirmed
         if names := self._stands(before, state):
             failures["gripper_stands"] = {"finger": ", ".join(names)}
         if names := self._flickers(before, state):
@@ -71,13 +79,34 @@ class GripperHistory:
             wrong = wrong or {"finger": FINGER_NAMES[i], "how": how}
         return wrong
 
-    def _silent(self, state: GripperState) -> Fields | None:
-        """How long no status has shown the last command. A faulty, inactive hand may be silent."""
+    def _unconfirmed(self, state: GripperState) -> Fields | None:
+        """How long no status has shown the last command, and what it shows. A faulty, inactive hand
+        may ignore commands."""
         self._outdated_reads += 1
-        silent_s = (state.t_ns - self._fresh_ns) * 1e-9
-        long = silent_s > self._settings.echo_s and self._outdated_reads >= OUTDATED_READS
+        since_s = (state.t_ns - self._fresh_ns) * 1e-9
+        long = since_s > self._settings.echo_s and self._outdated_reads >= OUTDATED_READS
         refuses = state.fault and not state.active
-        return {"seconds": round(silent_s, 3)} if long and not refuses else None
+        if not long or refuses:
+            return None
+        return {"seconds": round(since_s, 3), "how": self._difference(state.requested)}
+
+    def _difference(self, echo: Counts3) -> str:
+        """The targets in the status that are not those of the last command."""
+        expected: Sequence[int] = echo  # where the driver chooses the target
+        match self._command:
+            case MoveFingers(targets):
+                expected = targets
+            case OpenFingers():
+                expected = (0, 0, 0)
+            case CloseFast(closing=closing, limits_counts=limits):
+                closes = zip(closing, limits, echo, strict=True)
+                expected = [max(to, at) if moves else at for moves, to, at in closes]
+        wrong = [
+            f"target of finger {name} {at}, expected {to}"
+            for name, at, to in zip(FINGER_NAMES, echo, expected, strict=True)
+            if at != to
+        ]
+        return "; ".join(wrong) or f"targets {echo} or rGTO are not as written"
 
     def _stands(self, before: GripperState, state: GripperState) -> list[str]:
         """Fingers that report motion but keep their count."""

@@ -9,7 +9,7 @@ import msgspec
 from drivers.errors import GraspError
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import Finished, Row, error_row, run_trial
+from scenarios.campaign.worker import Finished, Row, error_row, remove_left_folders, run_trial
 from scenarios.rigs.workers import Outcome, Workers, outcomes
 
 CAMPAIGNS = Path("runs/campaigns")
@@ -47,6 +47,7 @@ def run(
     KeyboardInterrupt passes through: every reported row is in the file.
     """
     grid = combinations(spec)
+    remove_left_folders()
     with CampaignStore.create(out, spec, grid, resume) as store:
         tasks = list(trials(spec, grid))
         finished = store.finished()

@@ -111,13 +111,15 @@ class CampaignStore:
                     str(path), "--out", "exists already", "a new file, or --resume to continue it"
                 )
             store = cls.open(path)
-            store.rows()  # damage is found before anything is written
-            if store.spec != spec or store.settings().keys() != {c.config.digest() for c in grid}:
-                store._resources.close()
-                raise ConfigError(
-                    str(path), "--resume", "was created with another campaign or other settings",
-                    "the same campaign file and settings, or another --out",
-                )  # fmt: skip
+            digests = {combination.config.digest() for combination in grid}
+            with on_failure(store._resources.close):
+                store.rows()  # damage is found before anything is written
+                if store.spec != spec or store.settings().keys() != digests:
+                    raise ConfigError(
+                        str(path), "--resume",
+                        "was created with another campaign or other settings",
+                        "the same campaign file and settings, or another --out",
+                    )  # fmt: skip
             return store._keep_lock(lock)
 
     @classmethod
@@ -212,11 +214,13 @@ class CampaignStore:
             return rows
 
     def write_csv(self, out: TextIO) -> None:
-        """All rows as CSV, without the nested columns `result` and `timing`."""
+        """All rows as CSV, without the nested columns `result` and `timing`; true is 1."""
         shown = [name for name in COLUMNS if name not in ("result", "timing")]
         writer = csv.DictWriter(out, shown, extrasaction="ignore")
         writer.writeheader()
-        writer.writerows(msgspec.structs.asdict(row) for row in self.rows())
+        for row in self.rows():
+            cells = msgspec.structs.asdict(row).items()
+            writer.writerow({k: int(v) if isinstance(v, bool) else v for k, v in cells})
 
 
 def _new_file(spec: CampaignSpec, grid: Sequence[Combination]) -> bytes:

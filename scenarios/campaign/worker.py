@@ -1,8 +1,11 @@
 """Runs one trial of a campaign in a worker process and returns its row."""
 
+import os
+import shutil
 import tempfile
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +18,7 @@ from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
 AnyRun = FinishedRun[Any]
+FOLDER = "grasp-campaign-{pid}-"  # of a trial that is being recorded
 # columns that only one experiment has
 EXPERIMENT_COLUMNS = (
     "reaction_latency_ms", "slip_distance_m", "turned_rad", "alarm_stayed", "moved", "direction",
@@ -115,11 +119,20 @@ def _run(trial: Task) -> Finished:
         if trial.recordings == "none" or not result.failed:
             return Finished(judged_row(trial, result, failure))
     # a failed trial is repeated, with the same result, because most trials need no recording
-    with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER.format(pid=os.getpid())) as folder:
         result, failure = run_once(trial, Path(folder))
         if result.recording is None:
             raise OSError("nothing was recorded" if failure is None else failure.message)
         return Finished(judged_row(trial, result, failure), Path(result.recording).read_bytes())
+
+
+def remove_left_folders() -> None:
+    """Remove the folders of trials whose process was killed."""
+    for folder in Path(tempfile.gettempdir()).glob(FOLDER.format(pid="*") + "*"):
+        with suppress(OSError):
+            ours = folder.lstat().st_uid == os.getuid()
+            if ours and not Path("/proc", folder.name.split("-")[2]).exists():
+                shutil.rmtree(folder)
 
 
 def judged_row(trial: Task, result: TrialResult, failure: Failure | None) -> Row:

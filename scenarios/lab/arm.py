@@ -7,7 +7,7 @@ from contextlib import suppress
 from drivers.errors import DeviceFault, LinkLost, Refused, UsageError, on_failure
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import preflight as arm_preflight
-from drivers.ur.link.preflight import CHECK_CONNECTION, DASHBOARD_PORT, Dashboard
+from drivers.ur.link.connections import CHECK_CONNECTION, DASHBOARD_PORT, Dashboard
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say, retry

@@ -13,6 +13,7 @@ from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import UsbLink, boards
 from drivers.ur.link import preflight
+from drivers.ur.link.connections import DASHBOARD_PORT, RTDE_PORT, Dashboard
 from scenarios.rigs.device_checks import read_registers
 
 MODBUS_PORT = 502
@@ -42,9 +43,9 @@ def find(addresses: Sequence[str]) -> Iterator[Found]:
         where = f"{host}:{at['port']}, Modbus TCP"
         yield _query("gripper", where, partial(_gripper, host, port or MODBUS_PORT), {"modbus": at})
         if port is None:
-            where = f"{host}:{preflight.DASHBOARD_PORT}, dashboard"
+            where = f"{host}:{DASHBOARD_PORT}, dashboard"
             yield _query("arm", where, partial(_dashboard, host), {"ur": {"host": host}})
-            where = f"{host}:{preflight.RTDE_PORT}, RTDE"
+            where = f"{host}:{RTDE_PORT}, RTDE"
             yield _query("arm", where, partial(_rtde, host))
     for board in boards():
         serial = board.serial or "none"
@@ -102,12 +103,12 @@ def _gripper(host: str, port: int) -> str:
     before, now = read_registers(settings)
     if implausible := protocol.implausible_values(now, before):
         raise ValueError(", ".join(implausible))
-    state = "activated" if now.ready else "not activated"
-    return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}"
+    state = "activated" if now.ready else "answers like a gripper that is not activated"
+    return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}{now.zeros_note}"
 
 
 def _dashboard(host: str) -> str:
-    with preflight.Dashboard(host, TIMEOUT_S) as dashboard:
+    with Dashboard(host, TIMEOUT_S) as dashboard:
         greeting = dashboard.line()
         if "Dashboard Server" not in greeting:
             raise ValueError(f"no dashboard server: it sends {greeting!r}")

@@ -258,9 +258,13 @@ class Hand:
             rested = rested + 1 if self.state.at_rest else 0
             if rested >= AT_REST:
                 return
-        raise DeviceFault(
-            f"the fingers did not come to rest within {within_s:g} s", "check the hand"
-        )
+        problem = f"the fingers did not come to rest within {within_s:g} s"
+        if self._sent and not self.state.fresh:
+            problem = (
+                "another client changed the gripper's registers, or the gripper ignores commands: "
+                f"targets {self.state.requested}, expected {self._sent[-1]}"
+            )
+        raise DeviceFault(problem, "look at the hand, its power and who else commands it")
 
     def open(self, say: Say) -> MotionResult:
         """Open all fingers, as ``move``; in scissor mode then also move B and C apart, because they

@@ -1,6 +1,7 @@
 """The five functions of the Python API. None of them can open a real device."""
 
 import os
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,6 +33,7 @@ from scenarios.library.results import (
 )
 from scenarios.lift.lift import lift as lift_experiment
 from scenarios.report.run_record import RunRecord
+from scenarios.rigs.compilation import tell_of_compilation
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.workers import Workers
 from scenarios.tap.tap import tap as tap_experiment
@@ -75,9 +77,10 @@ def lift(
         BadFile: for a detector that cannot be loaded.
         KeyboardInterrupt: for Ctrl-C.
     """
-    chosen = _config(object, rig, detector, profile, config, settings).for_lift()
+    chosen = _config(object, rig, seed, detector, profile, config, settings).for_lift()
     folder = _folder(runs)
-    result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
+    with tell_of_compilation(_say):
+        result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
     made = Lift(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 
@@ -95,9 +98,10 @@ def tap(
 ) -> Tap:
     """Run one tap: tap an object held at the force limit, and check that slip is registered in time
     and its end too. Arguments and errors as for `lift`."""
-    chosen = _config(object, rig, detector, profile, config, settings).for_tap()
+    chosen = _config(object, rig, seed, detector, profile, config, settings).for_tap()
     folder = _folder(runs)
-    result, failure, record = _read_result(tap_experiment.run(chosen, seed, folder))
+    with tell_of_compilation(_say):
+        result, failure, record = _read_result(tap_experiment.run(chosen, seed, folder))
     made = Tap(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 
@@ -155,6 +159,8 @@ def campaign(
         ConfigError: for a campaign that is not valid, before anything runs.
         CouldNotRecord: for a row that cannot be written.
     """
+    if jobs is not None:
+        _check_number("jobs", jobs)
     campaign_spec = read_spec(file_of("campaigns", str(spec)))
     workers = Workers(len(os.sched_getaffinity(0)) if jobs is None else jobs)
     with tempfile.TemporaryDirectory(prefix="grasp-library-") as folder:
@@ -190,12 +196,22 @@ def detector(
 def _config(
     name: str,
     rig: str,
+    seed: int,
     detector: str | None,
     profile: str,
     config: File | Sequence[File] | None,
     settings: Settings | None,
 ) -> RunConfig:
-    """Resolved settings; raises UsageError for a rig with real devices."""
+    """Resolved settings; raises UsageError for a rig with real devices, or a value of a wrong
+    type."""
+    words = {"object": name, "rig": rig, "detector": detector, "profile": profile}
+    for key, word in words.items():
+        if not isinstance(word, str | Path | None):
+            raise UsageError(f"{key}: {word!r} is neither a name nor a path", "give a text")
+    _check_number("seed", seed)
+    if not isinstance(settings, Mapping | None):
+        raise UsageError(f"settings: {settings!r} is not a mapping",
+                         'use a dict, such as {"object.mass_kg": 0.3}')  # fmt: skip
     given = [config] if isinstance(config, str | Path) else config or ()
     files = [Path(file) for file in given]
     chosen = load_config(name, rig, detector, files, _assignments(settings), profile)
@@ -206,9 +222,18 @@ def _config(
     return chosen
 
 
+def _check_number(name: str, value: object) -> None:
+    if not isinstance(value, int) or value < 0:
+        raise UsageError(f"{name}: {value!r} is not a whole number of 0 or more", "use 0, 1, 2 ...")
+
+
 def _assignments(settings: Settings | None) -> list[str]:
     """Settings in the format of `--set`."""
     return [f"{key}={msgspec.json.encode(x).decode()}" for key, x in (settings or {}).items()]
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
 
 
 def _folder(runs: File | None) -> Path:

@@ -23,7 +23,7 @@ from drivers.robotiq.protocol import (
 from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
-from drivers.ur.link.preflight import preflight
+from drivers.ur.link.preflight import preflight, require_ur_rtde
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import calibration, describe_calibration, weak_claim
 from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig
@@ -157,7 +157,7 @@ def _gripper(config: GraspRigConfig) -> Finding:
     if not now.ready:
         remedy = "`grasp gripper activate`, with an empty hand: a run activates no real hand"
         status = "fail" if config.real else "warn"
-        return status, "answers, not activated, no fault", remedy, Refused.kind
+        return status, f"answers, not activated, no fault{now.zeros_note}", remedy, Refused.kind
     summary = f"answers, active, no fault, open at {counts} counts"
     if mode := mode_warning(now.mode):
         return "warn", f"{summary}, {mode}", SET_BASIC_MODE
@@ -171,10 +171,14 @@ def arm_checks(config: Any) -> list[Check]:
     timeout_s = config.ur.step_timeout_s
     try:
         host = arm_address(config)
-        report = preflight(host, timeout_s)
+        report = preflight(host, timeout_s, config.ur.upper_registers)
     except GraspError as error:
         return [failed("arm", error)]
     checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
+    try:
+        require_ur_rtde()
+    except GraspError as error:
+        checks.append(failed("arm client", error))
     if report.version is None:
         return checks
     return [*checks, checked("arm pose", lambda: _arm_pose(host, timeout_s))]

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import LinkLost
+from drivers.ur.link.preflight import require_ur_rtde
 from grasp.clock import WallClock
 from scenarios.rigs.cell_order import CellOrder
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
@@ -34,6 +35,7 @@ replace = msgspec.structs.replace
 @contextmanager
 def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
     """Open the emulated rig with the object in place; closes it at the end."""
+    require_ur_rtde()  # before the cell starts, which takes a while
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
         with wired_devices(at_endpoints(config, cell.endpoints), clock) as (arm, tactile, gripper):

@@ -30,7 +30,7 @@ from drivers.ur.emulator.controller import EmulatorSettings
 from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.cell_order import CellOrder
-from scenarios.rigs.compilation import COMPILING, on_first_compilation
+from scenarios.rigs.compilation import tell_of_compilation
 from scenarios.rigs.simulated import any_cell, cell_settings
 from scenarios.world.cell import PadPress, PadWeight, SimulatedCell
 from scenarios.world.settings import Impact
@@ -289,7 +289,8 @@ def serve(
     """Open a cell, print its endpoints, and serve until ``ended`` is set. ``opened`` is called with
     the cell before it serves and must not block."""
     sys.setswitchinterval(SWITCH_S)
-    with on_first_compilation(lambda: print(f"cell: {COMPILING}", file=sys.stderr, flush=True)):
+    begin = "\r\x1b[2Kcell" if sys.stderr.isatty() else "cell"  # over the line of a display
+    with tell_of_compilation(lambda text: print(f"{begin}: {text}", file=sys.stderr, flush=True)):
         any_cell(order.config, order.seed).compile()
     make = partial(EmulatedCell, order, options=options)
     with closing(bind_free_address(make) if options.host is None else make(options.host)) as cell:

@@ -37,6 +37,7 @@ def wired_devices(
 ) -> Iterator[tuple[Arm, TactileSensor, Gripper | None]]:
     """Drivers of all devices at the addresses of the configuration. Raises their errors."""
     now: Now = lambda: clock.now_ns  # noqa: E731
+    arm = open_arm(config, now)
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
@@ -46,7 +47,7 @@ def wired_devices(
             plugin_device(config.devices, "fingertips", now) if plugin else open_board(config, now)
         )
         tactile: TactileSensor = stack.enter_context(_closing_leniently(tips))
-        yield stack.enter_context(open_arm(config, now)), tactile, gripper
+        yield stack.enter_context(arm), tactile, gripper
 
 
 def open_gripper(config: GraspRigConfig, now: Now) -> AbstractContextManager[Gripper]:
@@ -85,14 +86,17 @@ def board_finder(config: AnyRigConfig, now: Now) -> Callable[[str | None], UsbLi
     )
 
 
-@contextmanager
-def open_arm(config: AnyRigConfig, now: Now) -> Iterator[Arm]:
-    """The arm of the settings with its program running."""
+def open_arm(config: AnyRigConfig, now: Now) -> AbstractContextManager[Arm]:
+    """The arm of the settings; entering it starts its program. Raises UsageError for a UR arm
+    without ur_rtde."""
     if config.devices.arm:
-        with plugin_device(config.devices, "arm", now) as arm:
-            yield arm
-        return
-    with UrLink(config.ur) as link:
+        return plugin_device(config.devices, "arm", now)
+    return _ur_arm(config, UrLink(config.ur))
+
+
+@contextmanager
+def _ur_arm(config: AnyRigConfig, link: UrLink) -> Iterator[Arm]:
+    with link:
         yield ArmDriver(link, config.arm)
 
 

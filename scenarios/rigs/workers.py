@@ -4,6 +4,7 @@ Results come in the order of completion; their values depend only on the tasks.
 """
 
 import gc
+import multiprocessing
 import os
 import signal
 import threading
@@ -67,16 +68,30 @@ def outcomes(
 ) -> Generator[Outcome[T, R], None, None]:
     """Outcomes in order of completion; closing the generator or Ctrl-C ends all workers.
 
-    Raises UsageError without Dask, LinkLost if the scheduler cannot be reached or is lost.
+    Raises UsageError without Dask or shared memory, LinkLost if the scheduler cannot be reached or
+    is lost.
     """
     if not tasks:
         return
     if workers.cluster is not None:
         yield from _cluster(work, tasks, workers.cluster)
-    elif workers.processes == 0:
+    elif (no_semaphores := _why_no_semaphores()) and workers.processes > 1:
+        raise UsageError(
+            f"worker processes need shared memory: /dev/shm: {no_semaphores}",
+            "make /dev/shm writable or use --jobs 1",
+        )
+    elif workers.processes == 0 or no_semaphores:
         yield from (_run_task(work, task) for task in tasks)
     else:
         yield from _processes(work, tasks, min(workers.processes, len(tasks)))
+
+
+def _why_no_semaphores() -> str | None:
+    try:
+        multiprocessing.Lock()
+    except OSError as error:
+        return error.strerror
+    return None
 
 
 def _run_task(work: Callable[[T], R], task: T) -> Outcome[T, R]:

@@ -13,9 +13,10 @@ from typing import Literal
 import msgspec
 
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.urscript import Function, Program, ScriptError
+from drivers.ur.emulator.urscript import Function, Program
 from drivers.ur.emulator.urscript_functions import BUILTINS
 from drivers.ur.emulator.urscript_parser import is_secondary, parse
+from drivers.ur.emulator.urscript_values import ScriptError
 from drivers.ur.settings import ArmModelSettings
 
 Scalar = int | float

@@ -13,7 +13,8 @@ import numpy as np
 
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript import ScriptError, Thread
+from drivers.ur.emulator.urscript import Thread
+from drivers.ur.emulator.urscript_values import ScriptError
 from drivers.ur.kinematics import ZERO_JOINTS, Frame, Joints, Pose, limit_violation, nearest_turns
 from drivers.ur.model import ArmModel
 

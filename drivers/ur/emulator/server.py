@@ -66,11 +66,12 @@ class LineDialogue:
 
 
 class ScriptDialogue(LineDialogue):
-    """Collects the lines of a program until all its blocks are closed, then loads it."""
+    """Collects the lines of a program until all its blocks are closed, then loads it; logs a
+    program that is not complete when the connection ends."""
 
-    def __init__(self, load: Callable[[str], None]) -> None:
+    def __init__(self, load: Callable[[str], None], log: Callable[[str], None]) -> None:
         super().__init__(lambda line: "")
-        self._load = load
+        self._load, self._log = load, log
         self._program: list[str] = []
         self._depth = 0
 
@@ -86,6 +87,17 @@ class ScriptDialogue(LineDialogue):
                     self._load(text)
         self.broken = len(self._unparsed) + sum(map(len, self._program)) > MAX_CHARS
         return b""
+
+    def close(self) -> None:
+        last = self._unparsed.decode("utf-8", "replace")
+        if not (self._program or last.strip()):
+            return
+        blocks = self._depth + depth_change(last)
+        if self.broken:
+            why = f"longer than {MAX_CHARS} characters"
+        else:
+            why = f"{blocks} blocks without end" if blocks > 0 else "no line end after it"
+        self._log(f"incomplete program ignored: {why}")
 
 
 class Connection:
@@ -236,13 +248,14 @@ class UrEmulator:
     def _listen(self, settings: EmulatorSettings) -> int:
         dashboard = Dashboard(settings, self.controller)
         faults = FaultChannel(self.controller, self._rtde, self, settings.token)
-        version, load = version_message(settings.controller), self.controller.load
+        version = version_message(settings.controller)
         listen, host = self._server.listen, settings.host
         listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
         listen(host, DASHBOARD_PORT, lambda: (LineDialogue(dashboard.reply), BANNER))
+        load, log = self.controller.load, self.controller.log
         for port in STATE_PORTS:
-            listen(host, port, lambda: (ScriptDialogue(load), version))
-        listen(host, SCRIPT_PORT, lambda: (ScriptDialogue(load), b""))
+            listen(host, port, lambda: (ScriptDialogue(load, log), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptDialogue(load, log), b""))
         return listen(host, settings.fault_port, lambda: (LineDialogue(faults.reply), b""))
 
     def run(self, ended: Callable[[], bool]) -> None:

@@ -5,27 +5,25 @@ once. ``steps`` is a generator that yields where the program waits for the next 
 ``waits`` says whether a node needs ``steps``. A statement's value is a signal, or None to continue.
 """
 
-import operator
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from typing import Any
 
-Value = Any  # int, float, bool, str, list of values, PoseValue; None: no value
+from drivers.ur.emulator.urscript_values import (
+    ScriptError,
+    Value,
+    copied,
+    element,
+    element_for,
+    position_in,
+)
+
 Steps = Generator[None, None, Value]
 # first argument: the calling thread; a generator function waits for cycles
 Builtin = Callable[..., Any]
 
 MAX_STEPS = 20_000  # limit for one thread in one cycle: statements and calls
 MAX_THREADS = 32
-_INT_RANGE = 2**31
 BREAK, CONTINUE, RETURN = "break", "continue", "return"  # signals
-
-
-class ScriptError(Exception):
-    """The program is invalid, or failed at run time; the controller ends it."""
-
-
-class PoseValue(list[float]):
-    """A ``p[...]``; copied on assignment like every list of URScript."""
 
 
 class Thread:
@@ -81,7 +79,7 @@ class Function:
 
     def call(self, thread: Thread, *arguments: Value) -> Steps:
         assert self.body is not None  # noqa: S101  (the parser refuses undefined functions)
-        local = dict(zip(self.parameters, map(_copied, arguments), strict=True))
+        local = dict(zip(self.parameters, map(copied, arguments), strict=True))
         scope = Scope(thread, local)
         yield from self.body.steps(scope)
         return scope.result
@@ -109,10 +107,14 @@ class Program:
 
     def kill(self, handle: Value, by: Thread) -> None:
         """End a thread; an invalid handle is ignored."""
-        for thread in [thread for thread in self._threads if thread.handle == handle]:
-            if thread is by:
-                raise ScriptError("a thread cannot kill itself")
+        if (thread := self.other_thread(handle, by)) is not None:
             self._end(thread)
+
+    def other_thread(self, handle: Value, by: Thread) -> Thread | None:
+        """Running thread with this handle; raises ScriptError for the calling thread itself."""
+        if handle == by.handle:
+            raise ScriptError("a thread cannot kill or join itself")
+        return next((each for each in self._threads if each.handle == handle), None)
 
     def step(self) -> bool:
         """Run one cycle: each thread in turn until it waits. False once the main thread has ended.
@@ -204,7 +206,7 @@ class Index(Operation):
     """``values[at]``."""
 
     def __init__(self, base: Node, at: Node) -> None:
-        super().__init__(_element, base, at)
+        super().__init__(element, base, at)
 
 
 class Logical(Node):
@@ -280,7 +282,7 @@ class Assign(Node):
     def apply(self, scope: Scope, *values: Value) -> None:
         name, shared = self._name, scope.thread.program.shared
         here = not self._shared and (name in scope.local or name not in shared)
-        (scope.local if here else shared)[name] = _copied(values[0])
+        (scope.local if here else shared)[name] = copied(values[0])
 
 
 class AssignElement(Node):
@@ -293,7 +295,7 @@ class AssignElement(Node):
     def apply(self, scope: Scope, *values: Value) -> None:
         at, value = values
         target = scope[self._name]
-        target[_position_in(target, at)] = element_for(target, value)
+        target[position_in(target, at)] = element_for(target, value)
 
 
 class Block(Node):
@@ -369,6 +371,19 @@ class Kill(Node):
         scope.thread.program.kill(values[0], scope.thread)
 
 
+class Join(Node):
+    """Wait for the end of the thread with this handle; an invalid handle is ignored."""
+
+    def __init__(self, handle: Node) -> None:
+        super().__init__(handle)
+        self.waits = True
+
+    def steps(self, scope: Scope) -> Steps:
+        handle = yield from _evaluated(self.parts[0], scope)
+        while scope.thread.program.other_thread(handle, scope.thread) is not None:
+            yield
+
+
 class Critical(Node):
     """``enter_critical`` or ``exit_critical``: no other thread runs in between."""
 
@@ -384,70 +399,3 @@ def _evaluated(node: Node, scope: Scope) -> Steps:
     if node.waits:
         return (yield from node.steps(scope))
     return node.now(scope)
-
-
-# values
-
-
-def _copied(value: Value) -> Value:
-    return type(value)(value) if isinstance(value, list) else value
-
-
-def _arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Value, Value], Value]:
-    """Arithmetic on numbers only, with the controller's range of integers."""
-
-    def apply(left: Value, right: Value) -> Value:
-        if not isinstance(left, int | float) or not isinstance(right, int | float):
-            raise ScriptError("arithmetic or comparison of what is not a number")
-        value = function(left, right)
-        if isinstance(value, int) and not -_INT_RANGE <= value < _INT_RANGE:
-            raise ScriptError("integer overflow")
-        return value
-
-    return apply
-
-
-_ON_NUMBERS = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-    "%": operator.mod, "<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge,
-}  # fmt: skip
-OPERATORS: Mapping[str, Callable[[Value, Value], Value]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    **{sign: _arithmetic(function) for sign, function in _ON_NUMBERS.items()},
-}
-
-
-def negative(value: Value) -> Value:
-    return OPERATORS["-"](0, value)
-
-
-def make_list(*values: Value) -> list[Value]:
-    return [element_for([], value) for value in values]
-
-
-def make_pose(*values: Value) -> PoseValue:
-    if len(values) != 6 or not all(isinstance(value, int | float) for value in values):
-        raise ScriptError("a pose is six numbers")
-    return PoseValue(map(float, values))
-
-
-def _element(values: Value, at: Value) -> Value:
-    return values[_position_in(values, at)]
-
-
-def _position_in(values: Value, at: Value) -> int:
-    """Index of a list element; raises ScriptError when invalid."""
-    if not isinstance(values, list) or not isinstance(at, int):
-        raise ScriptError("index into what is no list, or by what is no integer")
-    if not 0 <= at < len(values):
-        raise ScriptError(f"index {at} out of range")
-    return at
-
-
-def element_for(values: list[Value], value: Value) -> Value:
-    """Value to store in a list: poses hold numbers, other lists hold no lists."""
-    simple = not isinstance(value, list) or isinstance(value, PoseValue)
-    if not simple or (isinstance(values, PoseValue) and not isinstance(value, int | float)):
-        raise ScriptError("a list does not hold this")
-    return _copied(value)

@@ -8,7 +8,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript import Builtin, PoseValue, ScriptError, Steps, Thread, Value
+from drivers.ur.emulator.urscript import Builtin, Steps, Thread
+from drivers.ur.emulator.urscript_values import PoseValue, ScriptError, Value
 
 BUILTINS: dict[str, Builtin] = {}
 _MAX_QUANTITY = 1e6  # limit of any quantity, in its unit, so that results stay finite

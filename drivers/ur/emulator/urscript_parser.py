@@ -13,7 +13,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from drivers.ur.emulator import urscript as tree
-from drivers.ur.emulator.urscript import Builtin, Function, Node, ScriptError
+from drivers.ur.emulator.urscript import Builtin, Function, Node
+from drivers.ur.emulator.urscript_values import (
+    OPERATORS,
+    ScriptError,
+    make_list,
+    make_pose,
+    negative,
+)
 
 MAX_CHARS = 250_000
 MAX_NESTING = 60  # of blocks, brackets and chained operators
@@ -31,8 +38,8 @@ class Token(NamedTuple):
 
 
 _WORDS = """
-    and break continue def elif else end enter_critical exit_critical False global if kill not or
-    return run sec thread True while
+    and break continue def elif else end enter_critical exit_critical False global if join kill not
+    or return run sec thread True while
 """
 _KEYWORDS = frozenset(_WORDS.split())
 _TOKEN = re.compile(
@@ -205,9 +212,9 @@ class _Parser:
                 self._position += 1
                 valued = self._same_line() and self._next.kind not in ("end", "end of program")
                 return tree.Return(*([self._expression()] if valued else []))
-            case "kill":
+            case "join" | "kill" as word:
                 self._position += 1
-                return tree.Kill(self._expression())
+                return (tree.Join if word == "join" else tree.Kill)(self._expression())
             case "enter_critical" | "exit_critical" as word:
                 self._position += 1
                 return tree.Critical(word == "enter_critical")
@@ -260,7 +267,7 @@ class _Parser:
             left = (
                 tree.Logical(sign, left, right)
                 if logical
-                else tree.Operation(tree.OPERATORS[sign], left, right)
+                else tree.Operation(OPERATORS[sign], left, right)
             )
         self._depth = depth
         return left
@@ -269,7 +276,7 @@ class _Parser:
         if self._accept("not"):
             return tree.Operation(operator.not_, self._expression(_NOT_PRECEDENCE))
         if self._accept("-"):
-            return tree.Operation(tree.negative, self._expression(_MINUS_PRECEDENCE))
+            return tree.Operation(negative, self._expression(_MINUS_PRECEDENCE))
         base = self._primary()
         depth = self._depth
         while self._next.kind == "[" and self._same_line():
@@ -295,7 +302,7 @@ class _Parser:
                 self._expect(")")
                 return inner
             case "[":
-                return tree.Operation(tree.make_list, *self._items())
+                return tree.Operation(make_list, *self._items())
             case "run":
                 return self._run()
             case "name":
@@ -320,7 +327,7 @@ class _Parser:
             self._position += 1
             items = self._items()
             if len(items) != 1:
-                return tree.Operation(tree.make_pose, *items)
+                return tree.Operation(make_pose, *items)
             self._read.add(name)
             return tree.Index(tree.Name(name), items[0])
         if self._next.kind != "=":

@@ -18,6 +18,7 @@ from drivers.ur.link.preflight import (
     preflight,
     raise_for_failures,
     require_stationary,
+    require_ur_rtde,
 )
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 from drivers.ur.settings import UrSettings
@@ -34,6 +35,8 @@ class UrLink:
     """
 
     def __init__(self, settings: UrSettings) -> None:
+        """Raises UsageError if ur_rtde is not installed."""
+        require_ur_rtde()
         self._settings = settings
         self._worker: WorkerProcess | None = None
         self._payload_kg: float | None = None
@@ -50,7 +53,7 @@ class UrLink:
         the arm moves."""
         self.close()
         s = self._settings
-        findings = preflight(s.host, s.step_timeout_s)
+        findings = preflight(s.host, s.step_timeout_s, s.upper_registers)
         raise_for_failures(findings)
         require_stationary(s.host, s.step_timeout_s)
         setup = messages.Setup(
@@ -58,6 +61,7 @@ class UrLink:
             tcp_offset=s.tcp_offset,
             payload_kg=self._payload_kg,
             cog_m=s.cog_m,
+            upper_registers=s.upper_registers,
             watchdog_hz=s.watchdog_hz,
             heartbeat_timeout_s=s.heartbeat_timeout_s,
             link_timeout_s=s.link_timeout_s,

@@ -34,6 +34,7 @@ class Setup(Message, frozen=True):
     tcp_offset: Pose
     payload_kg: float | None
     cog_m: Vector3
+    upper_registers: bool
     watchdog_hz: float
     heartbeat_timeout_s: float
     link_timeout_s: float

@@ -1,129 +1,65 @@
 """Pre-flight checks of a controller, each with a deadline, before ur_rtde connects.
 
 ur_rtde blocks forever on a peer that accepts and stays silent, and reports other problems late and
-vaguely. These checks run first and report every failure with its remedy. RTDE framing and names:
-UR's Real-Time Data Exchange (RTDE) guide; commands: UR's dashboard server guide.
+vaguely. These checks run first and report every failure with its remedy. Names: UR's Real-Time Data
+Exchange (RTDE) guide; commands: UR's dashboard server guide.
 """
 
-import contextlib
+import importlib.util
 import math
+import platform
 import socket
 import struct
+import sys
 import time
-from collections.abc import Mapping
-from typing import IO, Final, Literal, Self
+from typing import Final, Literal
 
 import msgspec
 
-from drivers.errors import DeviceFault, LinkLost
+from drivers.errors import DeviceFault, LinkLost, UsageError
 from drivers.interfaces import MIN_SPEED_FRACTION
+from drivers.ur.link.connections import (
+    CHECK_CONNECTION,
+    DASHBOARD_PORT,
+    RTDE_PORT,
+    SCRIPT_PORT,
+    Dashboard,
+    Rtde,
+    reason,
+)
 from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING
 from drivers.ur.settings import Pose
 
-DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
-CHECK_CONNECTION = "check power, cable and address of the robot's controller"
 FULL_SPEED_REMEDY = "set the speed slider to 100 % at the teach pendant"
 ARM_MOVES, END_PROGRAM = "the arm moves", "end the program that moves it"
 Version = tuple[int, ...]
 
-_REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
-    f"input_double_register_{i}" for i in range(18)
-]  # written by ur_rtde 1.6.5 with its register offset 0
+_REGISTERS = ("int", 8), ("double", 18)  # inputs that ur_rtde 1.6.5 writes: type, number
+_UPPER = 24  # first register that no fieldbus uses; RTDE guide
+_NO_UPPER_FROM = (5, 23)  # ur_rtde 1.6.5 then mixes both ranges, and no command is executed
+_END_OTHERS = (
+    "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and URCaps that "
+    "claim registers, then try again"
+)
 _RETRY_S = 0.05  # claims of a disconnected client are released with a delay
 _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
 _FULL_SPEED = 0.995  # shown as 100 %
+_POLYSCOPE_X = (10,)  # and later versions
 _PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
-_HANG_UP_S = 0.2
-_MAX_LINE_BYTES = 1024
-
-
-# connections
-
-
-class Rtde:
-    """RTDE connection for a few requests; they raise OSError and ValueError."""
-
-    def __init__(self, host: str, timeout_s: float) -> None:
-        self._socket = socket.create_connection((host, RTDE_PORT), timeout_s)
-        self._file = self._socket.makefile("rb")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait briefly for the controller to disconnect too, so that claims are free again."""
-        deadline = time.monotonic() + _HANG_UP_S
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_WR)
-            self._socket.settimeout(_HANG_UP_S)
-            while time.monotonic() < deadline and self._socket.recv(_MAX_LINE_BYTES):
-                pass
-        self._file.close()
-        self._socket.close()
-
-    def request(self, kind: bytes, body: bytes = b"") -> bytes:
-        """Body of the reply of the same kind; other packets (messages) are skipped."""
-        self.send(kind, body)
-        return self.wait(kind)
-
-    def send(self, kind: bytes, body: bytes) -> None:
-        """Send a packet that has no reply."""
-        self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
-
-    def wait(self, kind: bytes) -> bytes:
-        """Body of the next packet of a kind."""
-        while True:
-            size, found = struct.unpack(">Hc", _exactly(self._file, 3))
-            if size < 3:
-                raise ValueError(f"RTDE packet of {size} bytes")
-            body = _exactly(self._file, size - 3)
-            if found == kind:
-                return body
-
-    def subscribe(self, frequency_hz: float, names: Mapping[str, str]) -> None:
-        """Subscribe to these fields, sent as packets of kind U."""
-        types = self.request(b"O", struct.pack(">d", frequency_hz) + ",".join(names).encode())[1:]
-        if b"NOT_FOUND" in types or self.request(b"S") != b"\x01":
-            raise ValueError(f"it does not send {','.join(names)}: {types.decode()}")
-
-
-class Dashboard:
-    """Dashboard connection: one command, one reply; raises OSError and ValueError."""
-
-    def __init__(self, host: str, timeout_s: float) -> None:
-        self._socket = socket.create_connection((host, DASHBOARD_PORT), timeout_s)
-        self._file = self._socket.makefile("rb")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-        self._socket.close()
-
-    def line(self) -> str:
-        line = self._file.readline(_MAX_LINE_BYTES)
-        if not line.endswith(b"\n"):
-            raise ValueError("no end of line" if line else "the peer hung up")
-        return line.decode("utf-8", "replace").strip()
-
-    def request(self, command: str) -> str:
-        self._socket.sendall(command.encode() + b"\n")
-        return self.line()
-
-
-def _exactly(stream: IO[bytes], count: int) -> bytes:
-    data = stream.read(count)
-    if len(data) < count:
-        raise ConnectionError("the peer hung up")
-    return data
-
-
-def _reason(error: Exception) -> str:
-    return "no reply in time" if isinstance(error, TimeoutError) else str(error) or "no reply"
 
 
 # preflight
+
+
+def require_ur_rtde() -> None:
+    """Raises UsageError if ur_rtde is not installed, as where it has no wheel."""
+    if importlib.util.find_spec("rtde_control") is None:
+        here = f"Python {sys.version_info[0]}.{sys.version_info[1]} on {platform.machine()}"
+        raise UsageError(
+            f"a UR arm, real or emulated, needs ur-rtde, which is not installed: this is {here}; "
+            "ur-rtde has wheels for Python 3.11 and 3.12 on x86_64",
+            "use one of these, or the rig simulated",
+        )
 
 
 class PreflightCheck(msgspec.Struct, frozen=True):
@@ -154,10 +90,12 @@ _STATE_CHECKS = (
 )  # fmt: skip
 
 
-def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
+def preflight(
+    host: str, step_timeout_s: float = 2.0, upper_registers: bool = False
+) -> PreflightFindings:
     """Run all checks; never raises on an unfit controller, each step has a time-out."""
-    checks = _Checks(host, step_timeout_s)
-    open_ports = [port for port in _PORTS if checks.port(port)]
+    checks = _Checks(host, step_timeout_s, upper_registers)
+    open_ports = checks.ports()
     if RTDE_PORT in open_ports:
         checks.rtde()
     if DASHBOARD_PORT in open_ports:
@@ -183,24 +121,34 @@ def raise_for_failures(findings: PreflightFindings) -> None:
 class _Checks:
     """The checks of a controller and their results."""
 
-    def __init__(self, host: str, timeout_s: float) -> None:
+    def __init__(self, host: str, timeout_s: float, upper_registers: bool) -> None:
         self.checks: list[PreflightCheck] = []
         self.version: Version | None = None
-        self._host, self._timeout_s = host, timeout_s
+        self._host, self._timeout_s, self._upper = host, timeout_s, upper_registers
 
     def _add(self, name: str, ok_text: str, problem: str = "", remedy: str = "") -> None:
         fit = PreflightCheck(name, "ok", ok_text)
         self.checks.append(PreflightCheck(name, "fail", problem, remedy) if problem else fit)
 
-    def port(self, port: int) -> bool:
-        what, problem = f"{_PORTS[port]} port {port}", ""
-        try:
-            socket.create_connection((self._host, port), self._timeout_s).close()
-        except OSError as error:
-            problem = f"{what}: {_reason(error)}"
+    def ports(self) -> list[int]:
+        """Check all ports; returns those that are open."""
+        problems: dict[int, str] = {}
+        for port in _PORTS:
+            try:
+                socket.create_connection((self._host, port), self._timeout_s).close()
+            except OSError as error:
+                problems[port] = reason(error)
         remedy = f"{CHECK_CONNECTION}; no firewall may block its ports"
-        self._add(f"{_PORTS[port]} port", f"{what} open", problem, remedy)
-        return not problem
+        if len(problems) < len(_PORTS):  # the controller itself is reached
+            remedy = (
+                "PolyScope 5.10 or later: enable this service at the teach pendant (Settings, "
+                "Security, Services); no firewall may block the port"
+            )
+        for port, name in _PORTS.items():
+            what = f"{name} port {port}"
+            problem = f"{what}: {problems[port]}" if port in problems else ""
+            self._add(f"{name} port", f"{what} open", problem, remedy)
+        return [port for port in _PORTS if port not in problems]
 
     def rtde(self) -> None:
         """Check protocol, then version, then registers and state: each needs the previous one."""
@@ -212,38 +160,44 @@ class _Checks:
                     return
                 self._add("rtde protocol", "RTDE protocol version 2")
                 self.version = struct.unpack(">4I", rtde.request(b"v"))
+                if self.version >= _POLYSCOPE_X:  # whose missing dashboard is no fault
+                    self.checks = [each for each in self.checks if each.name != "dashboard port"]
                 self.checks.append(check_version(self.version))
                 if self.checks[-1].status != "fail":
-                    self._registers(rtde)
+                    self._registers(rtde, self.version)
                     self._readiness(rtde)
         except (OSError, ValueError, struct.error) as error:
-            problem = f"no RTDE reply from port {RTDE_PORT}: {_reason(error)}"
+            problem = f"no RTDE reply from port {RTDE_PORT}: {reason(error)}"
             self._add("rtde protocol", "", problem, CHECK_CONNECTION)
 
-    def _registers(self, rtde: Rtde) -> None:
+    def _registers(self, rtde: Rtde, version: Version) -> None:
         """Check the input registers; those in use are requested again until the step's time-out."""
+        if self._upper and version >= _NO_UPPER_FROM:
+            problem = "ur_rtde cannot use RTDE registers 24 to 47 from PolyScope 5.23 on"
+            self._add("registers", "", problem, f"set ur.upper_registers = false; {_END_OTHERS}")
+            return
         deadline = time.monotonic() + self._timeout_s
         while True:
-            types = rtde.request(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
-            if "IN_USE" not in types or time.monotonic() + _RETRY_S > deadline:
+            types = _register_types(rtde, self._upper)
+            if "IN_USE" not in types.values() or time.monotonic() + _RETRY_S > deadline:
                 break
             time.sleep(_RETRY_S)
-        by_name = dict.fromkeys(_REGISTERS, "NOT_FOUND") | dict(
-            zip(_REGISTERS, types, strict=False)
-        )
-        taken = [name for name, kind in by_name.items() if kind == "IN_USE"]
-        missing = [name for name, kind in by_name.items() if kind == "NOT_FOUND"]
-        ok_text = f"{len(_REGISTERS)} RTDE input registers free"
+        taken = [name for name, kind in types.items() if kind == "IN_USE"]
+        missing = [name for name, kind in types.items() if kind == "NOT_FOUND"]
+        problem, remedy = "", ""
         if taken:
             problem = f"RTDE input registers are in use by another client: {_shortened_list(taken)}"
-            remedy = (
-                "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and "
-                "URCaps that claim registers, then try again"
+            remedy = _END_OTHERS
+            others_free = {"IN_USE", "NOT_FOUND"}.isdisjoint(
+                _register_types(rtde, not self._upper).values()
             )
-            self._add("registers", ok_text, problem, remedy)
-        else:
-            problem = f"the controller does not know {_shortened_list(missing)}" if missing else ""
-            self._add("registers", ok_text, problem, "update PolyScope")
+            if others_free and (self._upper or version < _NO_UPPER_FROM):
+                use, others = ("false", "0 to 23") if self._upper else ("true", "24 to 47")
+                remedy = f"set ur.upper_registers = {use}: registers {others} are free; or {remedy}"
+        elif missing:
+            problem = f"the controller does not know {_shortened_list(missing)}"
+            remedy = "update PolyScope"
+        self._add("registers", f"{len(types)} RTDE input registers free", problem, remedy)
 
     def _readiness(self, rtde: Rtde) -> None:
         """Check for a running program and the speed slider.
@@ -280,7 +234,7 @@ class _Checks:
                     safety = dashboard.request("safetymode")
                 self._state("safety mode", safety, "NORMAL")
         except (OSError, ValueError) as error:
-            problem = f"dashboard server does not reply: {_reason(error)}"
+            problem = f"dashboard server does not reply: {reason(error)}"
             self._add("dashboard", "", problem, CHECK_CONNECTION)
 
     def _state(self, name: str, reply: str, expected: str) -> None:
@@ -307,6 +261,13 @@ _REMEDIES = {  # by text of the check and the state
 def check_version(version: Version) -> PreflightCheck:
     """Check of the version: tested with 3.15 and 5.5 to 5.22; fails where registers are missing."""
     release, text = version[:2], ".".join(map(str, version))
+    if release >= _POLYSCOPE_X:
+        detail = (
+            f"PolyScope X ({text}) is not supported: it has no dashboard server, by which this "
+            "program checks remote control, robot and safety mode, and by which `grasp arm stop` "
+            "ends programs"
+        )
+        return PreflightCheck("version", "fail", detail, "use an arm with PolyScope 3.15 or 5")
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
@@ -329,6 +290,17 @@ def check_speed_slider(fraction: float) -> PreflightCheck:
     return PreflightCheck(
         "speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings"
     )
+
+
+def _register_types(rtde: Rtde, upper: bool) -> dict[str, str]:
+    """Types of the input registers of a range by name, or IN_USE or NOT_FOUND."""
+    names = [
+        f"input_{kind}_register_{upper * _UPPER + i}"
+        for kind, count in _REGISTERS
+        for i in range(count)
+    ]
+    types = rtde.request(b"I", ",".join(names).encode())[1:].decode("ascii").split(",")
+    return dict.fromkeys(names, "NOT_FOUND") | dict(zip(names, types, strict=False))
 
 
 def _shortened_list(names: list[str]) -> str:
@@ -390,7 +362,7 @@ def read_status(host: str, timeout_s: float) -> tuple[ArmStatus, ArmStatus]:
             samples = [_decoded(rtde.wait(b"U")) for _ in range(_SAMPLES_APART + 1)]
             return samples[0], samples[-1]
     except (OSError, ValueError, struct.error) as error:
-        why = _reason(error)
+        why = reason(error)
         raise LinkLost(f"arm at {host}, RTDE port {RTDE_PORT}: {why}", CHECK_CONNECTION) from None
 
 

@@ -11,10 +11,10 @@ from typing import NoReturn
 
 import msgspec
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.ur.link import messages, worker
+from drivers.ur.link.connections import CHECK_CONNECTION
 from drivers.ur.link.messages import Outcome, State
-from drivers.ur.link.preflight import CHECK_CONNECTION
 
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
@@ -189,8 +189,6 @@ def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes
 
 def _start_error(reason: str) -> GraspError:
     """Error for ur_rtde's failure text; pre-flight has excluded most causes before."""
-    if "No module named" in reason:
-        return Refused(f"ur_rtde is not installed: {reason}", "pip install 'ur-rtde>=1.6.3'")
     if "in use" in reason:
         return DeviceFault(reason, "end other RTDE clients and URCaps, then try again")
     if "remote control" in reason:

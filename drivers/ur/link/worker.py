@@ -343,6 +343,8 @@ def _start(setup: messages.Setup, channel: Channel) -> Commander:
     control_class = importlib.import_module("rtde_control").RTDEControlInterface
     receive = receive_module.RTDEReceiveInterface(setup.host, FREQUENCY_HZ, _RECIPE)
     flags = control_class.FLAG_UPLOAD_SCRIPT | control_class.FLAG_NO_EXT_FT
+    if setup.upper_registers:
+        flags |= control_class.FLAG_UPPER_RANGE_REGISTERS
     control = control_class(setup.host, FREQUENCY_HZ, flags)
     robot = Robot(receive, setup, channel)
     threading.Thread(target=robot.publish_samples, daemon=True).start()

@@ -73,7 +73,7 @@ DECLARED = (
     Declared(
         "the hand opens and ignores commands until it is open",
         r"gripper (rATR|rMOD) set by another client", ANY,
-        frozenset({"dropped", "hand", "misleading"}), r"automatic release|mode change|in mode",
+        frozenset({"dropped", "hand", "misleading"}), r"automatic release|mode change|rMOD",
         lasting=False,
     ),
     Declared(

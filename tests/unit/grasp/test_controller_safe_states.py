@@ -81,7 +81,7 @@ def test_unconfirmed_safe_state_ends_in_time_and_names_the_unconfirmed_parts() -
 
 
 FROZEN = failed("arm_frozen", seconds=0.4)
-SILENT = failed("gripper_silent", seconds=0.16)
+UNCONFIRMED = failed("gripper_unconfirmed", seconds=0.16, how="")
 
 
 @pytest.mark.parametrize(
@@ -132,11 +132,11 @@ def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> 
 )
 def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fault: Fault) -> None:
     d = Driver().lift()
-    d.step(faults=(SILENT,))
+    d.step(faults=(UNCONFIRMED,))
     d.commands.clear()
     for _ in range(20):
-        d.step(faults=(failed("gripper_silent", seconds=0.3), fault))
-    assert d.controller.faults == (SILENT,)
+        d.step(faults=(failed("gripper_unconfirmed", seconds=0.3, how=""), fault))
+    assert d.controller.faults == (UNCONFIRMED,)
     assert d.controller.later_faults == (fault,)
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import GraspError, Refused
-from grasp.files import Holder, locked, make_private_folder, write_whole
+from grasp.files import Holder, locked, make_private_folder, use_writable_cache, write_whole
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
@@ -44,6 +44,27 @@ def test_second_process_is_refused_with_the_holder_and_later_gets_the_lock(tmp_p
         assert file.stat().st_mode & 0o777 == 0o600
         with pytest.raises(Refused, match=f"^{os.getpid()}: .*"), locked(file, 0o600, refused):
             raise AssertionError("held twice")
+        file.unlink()  # by somebody who believes that it was left behind
+        with pytest.raises(Refused, match="somebody"), locked(file, 0o600, refused):
+            raise AssertionError("held twice")
     assert not file.exists()
     with locked(file, 0o644, refused):
         assert file.stat().st_mode & 0o777 == 0o644
+
+
+def test_unwritable_cache_folder_is_replaced_by_one_of_the_temporary_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ours = tmp_path / f"grasp-cache-{os.getuid()}"
+    for home, numba in (("/dev/null/home", "~/x"), (str(tmp_path), "/dev/null/numba")):
+        monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+        monkeypatch.setenv("HOME", home)
+        monkeypatch.setenv("NUMBA_CACHE_DIR", numba)
+        use_writable_cache()
+        assert os.environ.get("XDG_CACHE_HOME") == (None if home == str(tmp_path) else str(ours))
+        assert "NUMBA_CACHE_DIR" not in os.environ
+    ours.chmod(0o777)  # somebody else could put code there
+    monkeypatch.setenv("HOME", "/dev/null/home")
+    use_writable_cache()
+    assert "XDG_CACHE_HOME" not in os.environ

@@ -14,12 +14,15 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceFault
+from drivers.robotiq.emulator import GripperEmulator
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
-from drivers.ur.link.preflight import Rtde
+from drivers.ur.link.connections import Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of
 from scenarios.rigs.wired import open_arm
+from tests.ur_rtde import needs_ur_rtde
 from tests.wire.lab import CONFIRMED, HARDWARE, PATIENCE_S, CommandResult, Lab, grasp, sets, until
 
 NO_BOARD = ("--set", "usb.url=tcp://127.0.0.99:9")
@@ -41,6 +44,20 @@ def test_doctor_finds_devices_and_prints_their_settings(lab: Lab) -> None:
     assert grasp("doctor", "127.0.0.1/24").code == 2
 
 
+def test_a_device_of_zeros_is_not_called_a_gripper() -> None:
+    model = GripperModel(HandSettings(), time.monotonic_ns(), active=False)
+    model.misreport(lambda words: (0,) * len(words))
+    emulator = GripperEmulator(model, clock=time.monotonic_ns).start()
+    try:
+        host, port = emulator.address
+        out = grasp("doctor", f"{host}:{port}").out
+    finally:
+        emulator.stop()
+    assert "answers like a gripper that is not activated" in out
+    assert "other devices may answer the same" in out
+
+
+@needs_ur_rtde
 def test_doctor_checks_every_device_and_fails_where_a_run_would(lab: Lab) -> None:
     doctor = ("doctor", *HARDWARE, "--json")
     inactive = lab.grasp(*doctor)
@@ -84,6 +101,7 @@ def test_tactile_watch_reports_rest_codes_and_counts(lab: Lab) -> None:
     assert "no TakkTile board (59e3:74c7) at tcp://127.0.0.99:9" in without_board.err
 
 
+@needs_ur_rtde
 def test_arm_moves_by_the_given_step_without_an_address_of_a_gripper(lab: Lab) -> None:
     before_m = lab.height_m
     assert "after x +0, y +0, z +3 mm" in lab.run_confirmed("arm", "step", "--z", "3")
@@ -95,6 +113,7 @@ def test_arm_moves_by_the_given_step_without_an_address_of_a_gripper(lab: Lab) -
     assert "safety mode 1: normal" in lab.grasp("status", "arm").out
 
 
+@needs_ur_rtde
 def test_arm_with_a_running_program_is_not_moved_and_the_program_can_be_ended(lab: Lab) -> None:
     with socket.create_connection((lab.config.ur.host, 30003), PATIENCE_S) as peer:
         peer.sendall(b"def theirs():\n while True:\n  sleep(0.1)\n end\nend\n")
@@ -111,6 +130,7 @@ def test_arm_with_a_running_program_is_not_moved_and_the_program_can_be_ended(la
     assert "no program runs on it" in lab.grasp("arm", "stop").out
 
 
+@needs_ur_rtde
 def test_arm_with_a_low_speed_slider_is_refused(lab: Lab) -> None:
     lab.ask("fault", name="speed_slider", fraction=0.05)
     for words in (("arm", "step", "--z", "1"), ("run", "lift", *HARDWARE)):
@@ -125,6 +145,7 @@ def test_arm_with_a_low_speed_slider_is_refused(lab: Lab) -> None:
         until(lambda: "speed slider: 60 %" in lab.grasp("status", "arm").out)
 
 
+@needs_ur_rtde
 def test_arm_stop_also_stops_an_arm_that_another_program_drives(lab: Lab) -> None:
     clock, moves, ended = WallClock(), threading.Event(), threading.Event()
 
@@ -160,6 +181,7 @@ def test_hand_is_activated_only_with_a_confirmation_that_it_is_empty(lab: Lab) -
     assert all(name in status for name in ("gACT 1", "gIMC 3: ready", "finger C: at 6"))
 
 
+@needs_ur_rtde
 def test_no_run_activates_a_hand(lab: Lab, tmp_path: Path) -> None:
     """Activation opens and closes the hand fully with a force that cannot be set."""
     before, remedy = lab.positions, "`grasp gripper activate`"
@@ -176,6 +198,7 @@ def test_no_run_activates_a_hand(lab: Lab, tmp_path: Path) -> None:
     assert lab.positions == before and not lab.hand.active
 
 
+@needs_ur_rtde
 def test_nothing_moves_without_a_confirmation_or_in_a_dry_run(ready: Lab, tmp_path: Path) -> None:
     before, out = ready.positions, ("--out", str(tmp_path / "none.toml"))
     verbs = (
@@ -212,6 +235,7 @@ def test_nothing_moves_without_an_operator(ready: Lab, tmp_path: Path) -> None:
     assert ready.positions == before
 
 
+@needs_ur_rtde
 def test_motion_is_refused_while_another_program_drives_the_device(ready: Lab) -> None:
     with driving(gripper_of(ready.config)):
         for words in (("gripper", "close"), ("run", "lift", *HARDWARE), ("release", *HARDWARE)):
@@ -276,6 +300,7 @@ def test_closing_stops_at_once(event: str, ready: Lab) -> None:
     assert 30 <= ready.positions[0] < 200
 
 
+@needs_ur_rtde
 def test_hand_in_scissor_mode_is_only_opened(ready: Lab) -> None:
     """Another program has set the mode, and the hand may hold something."""
     at, near = AxisCommand(60, 255, 0), AxisCommand(200, 255, 0)

@@ -14,6 +14,7 @@ from scenarios.lift.lift import lift
 from scenarios.rigs.emulated import cell_process
 from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import by_default
+from tests.ur_rtde import needs_ur_rtde
 from tests.wire.lab import (
     CONFIRMED,
     ENVIRONMENT,
@@ -42,6 +43,7 @@ def wait_for_phase(process: "subprocess.Popen[str]", phase: str) -> None:
     assert any(phase in line.split() for line in process.stdout), f"no phase {phase}"
 
 
+@needs_ur_rtde
 def test_lift_on_the_emulated_rig_equals_that_on_the_simulated_rig(tmp_path: Path) -> None:
     done = grasp("run", "lift", "--rig", "emulated", "--runs", str(tmp_path), "--json", *sets())
     wired, simulated = json.loads(done.out), lift.run(by_default(*QUICK), 0, None).result
@@ -61,6 +63,7 @@ def test_lift_on_the_emulated_rig_equals_that_on_the_simulated_rig(tmp_path: Pat
     assert grasp("replay", wired["recording"], "--check").code == 0
 
 
+@needs_ur_rtde
 def test_hardware_rig_with_a_cell_gives_the_outcome_without_ground_truth(
     ready: Lab, tmp_path: Path
 ) -> None:
@@ -73,6 +76,7 @@ def test_hardware_rig_with_a_cell_gives_the_outcome_without_ground_truth(
     assert 5.0 < result["peak_estimated_n"]["A"] < 13.0  # only an estimate is available
 
 
+@needs_ur_rtde
 def test_signal_stops_the_arm_keeps_the_grip_and_is_reported(ready: Lab, tmp_path: Path) -> None:
     ready.ask("place")
     with ready.started(*hardware_lift(tmp_path)) as process:
@@ -110,6 +114,7 @@ class Hangs:
 """
 
 
+@needs_ur_rtde
 def test_grip_is_kept_with_a_hanging_detector_and_one_signal_ends_the_run(
     tmp_path: Path,
 ) -> None:
@@ -132,6 +137,7 @@ def test_grip_is_kept_with_a_hanging_detector_and_one_signal_ends_the_run(
     assert open_trial(folder).complete
 
 
+@needs_ur_rtde
 def test_unreachable_devices_are_a_device_error_with_a_remedy(tmp_path: Path) -> None:
     lab = tmp_path / "lab.toml"
     lab.write_text(

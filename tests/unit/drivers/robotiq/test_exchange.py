@@ -154,6 +154,21 @@ def test_activation_ends_at_its_deadline_and_nothing_more_is_written(rig) -> Non
     assert made.frames == ["00" * 16, "01" + "00" * 15]
 
 
+@pytest.mark.parametrize(("word", "seen"), [(0, "gACT 0, gIMC 0"), (0x0100, "gACT 1, gIMC 0")])
+def test_a_device_whose_registers_show_no_activation_does_not_obey(
+    rig, word: int, seen: str
+) -> None:
+    made = rig(active=False)
+    made.model.misreport(lambda words: (0,) * 8)
+    made.step()
+    made.driver.activate()
+    made.step(10)
+    made.model.misreport(lambda words: (word, *(0,) * 7))
+    with pytest.raises(DeviceFault, match=f"the device does not obey .{seen}") as raised:
+        made.step(2100)
+    assert "address" in raised.value.remedy
+
+
 def test_a_hand_that_lost_power_during_activation_can_be_activated_again(rig) -> None:
     made = rig(hand=HandSettings(activation_s=0.5), active=False)
     made.driver.activate()

@@ -14,7 +14,7 @@ from drivers.ur.settings import UrSettings
 
 SETTINGS = UrSettings(
     host="10.0.0.9", tcp_offset=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6), cog_m=(0.01, 0.02, 0.03),
-    watchdog_hz=11.0, heartbeat_timeout_s=0.31, step_timeout_s=1.7,
+    upper_registers=True, watchdog_hz=11.0, heartbeat_timeout_s=0.31, step_timeout_s=1.7,
 )  # fmt: skip
 SPEED_MPS, BRAKING_MPS2 = 0.2, 0.5
 MOVING = State(
@@ -70,9 +70,10 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> list[RecordingWorker]:
         started.append(RecordingWorker(setup))
         return started[-1]
 
-    def preflight(host: str, step_timeout_s: float) -> None:
-        assert host == SETTINGS.host and step_timeout_s > 0.0
+    def preflight(host: str, step_timeout_s: float, upper_registers: bool = True) -> None:
+        assert host == SETTINGS.host and step_timeout_s > 0.0 and upper_registers
 
+    monkeypatch.setattr(client, "require_ur_rtde", lambda: None)
     monkeypatch.setattr(client, "preflight", preflight)
     monkeypatch.setattr(client, "raise_for_failures", lambda _: None)
     monkeypatch.setattr(client, "require_stationary", preflight)

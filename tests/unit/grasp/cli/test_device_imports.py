@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from grasp.cli import exits
+from grasp.cli.main import main
+from tests.ur_rtde import needs_ur_rtde
+
 ROOT = Path(__file__).parents[4]
 NOBODY = "127.9.8.7"  # no server is there
 LAB = f"""\
@@ -73,6 +77,7 @@ def python(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[
     )  # fmt: skip
 
 
+@needs_ur_rtde
 def test_a_command_of_devices_imports_nothing_that_compiles(lab: Path) -> None:
     commands = [words_of(command, lab) for command, _, _ in COMMANDS]
     done = python(WITHOUT_COMPILER, json.dumps(commands))
@@ -80,3 +85,18 @@ def test_a_command_of_devices_imports_nothing_that_compiles(lab: Path) -> None:
     assert len(outputs) == len(COMMANDS), done.stderr
     for (command, code, problem), text in zip(COMMANDS, outputs, strict=True):
         assert text.endswith(f"exit {code}\n") and problem in text, (command, text)
+
+
+@pytest.mark.parametrize("rig", ["emulated", "hardware"])
+def test_a_ur_arm_without_ur_rtde_is_refused_before_anything_starts(
+    rig: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rtde_control", None)
+    monkeypatch.setattr(subprocess, "Popen", None)  # an emulated cell
+    settings = ["--config", str(lab), "--confirm-motion"] if rig == "hardware" else []
+    runs = str(lab.parent / "runs")
+    code = main(["run", "lift", "--rig", rig, "--json", "--runs", runs, *settings])
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert code == exits.USAGE
+    assert "ur-rtde has wheels for Python 3.11 and 3.12 on x86_64" in error["message"]
+    assert "the rig simulated" in error["remedy"]

@@ -11,6 +11,7 @@ from grasp.cli import options
 from grasp.cli.commands import build_parser
 from grasp.cli.main import main
 from grasp.cli.output import progress
+from grasp.files import write_whole
 
 Capture = pytest.CaptureFixture[str]
 WRITTEN = ("--out", "--figure")
@@ -75,9 +76,12 @@ def test_checking_a_writable_path_changes_nothing(tmp_path: Path) -> None:
     assert options.file_to_write(str(there)) == there
     assert options.file_with_folders(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
     assert options.folder_to_fill(str(tmp_path)) == tmp_path
-    assert options.file_to_write("/dev/stdout") == Path("/dev/stdout")
+    with there.open("a") as file:
+        descriptor = Path(f"/dev/fd/{file.fileno()}")
+        assert options.file_to_write(str(descriptor)) == descriptor
+        write_whole(descriptor, b", and more")
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
-    assert there.read_text() == "kept"
+    assert there.read_text() == "kept, and more"
     with pytest.raises(argparse.ArgumentTypeError, match="File name too long"):
         options.file_to_write(str(tmp_path / ("x" * 300)))
     with pytest.raises(UsageError, match="there is no folder"):
@@ -101,8 +105,8 @@ def test_progress_without_a_terminal_is_a_line_for_each_tenth(capsys: Capture) -
 @pytest.mark.parametrize(
     ("words", "proposed"),
     [
-        ("release --confirm", ""),
-        ("release --emp", ""),
+        ("release --confirm", "did you mean '--confirm-motion'?"),
+        ("gripper activate --emp", "did you mean '--empty'?"),
         ("rnu lift", "did you mean 'run'?"),
         ("run lfit", "did you mean 'lift'?"),
         ("run lift --objct can", "did you mean '--object'?"),

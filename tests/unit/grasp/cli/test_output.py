@@ -11,6 +11,7 @@ import pytest
 
 from grasp.cli.output import json_line
 
+ROOT = Path(__file__).parents[4]
 NOISY = (
     "import os, sys, ctypes\n"
     "from grasp.cli import recordings\n"
@@ -29,7 +30,7 @@ NOISY = (
 def test_with_json_only_the_result_is_on_standard_output(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", NOISY, str(tmp_path)], capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert json.loads(done.stdout) == []
     assert done.stdout.count("\n") == 1
@@ -50,7 +51,7 @@ def test_a_full_disk_is_reported_in_one_line(how: list[str]) -> None:
         done = subprocess.run(
             [sys.executable, "-c", start, "config", "guard", *how], stdout=full,
             stderr=subprocess.PIPE, text=True, check=False,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""},
         )  # fmt: skip
     assert done.returncode == 5
     assert done.stderr.startswith("grasp: No space left on device")

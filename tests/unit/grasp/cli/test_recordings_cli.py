@@ -22,7 +22,8 @@ def test_run_is_found_by_the_name_that_runs_lists(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    call("run", "lift", capsys=capsys)
+    error = call("run", "lift", "--set", "controller.grip_force_n=20", capsys=capsys)[2]
+    assert "grip force 20 N is reduced to guard.force_limit_n, 10 N" in error
     name = call("runs", capsys=capsys)[1].split()[0]
     assert call("replay", name, "--check", capsys=capsys)[0] == 0
     for words in (("report", name), ("export", name), ("export", name, "--to", "layout")):

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection, GripperState
+from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
@@ -39,17 +40,42 @@ def test_echo_s(value: float) -> None:
         reads = [round(i * s / OUTDATED_READS * 1e9) for i in range(1, OUTDATED_READS + 1)]
         return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in reads)], echo_s=value)
 
-    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_unconfirmed")
 
 
-def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
+@pytest.mark.parametrize(
+    ("command", "how"),
+    [
+        (MoveFingers((55, 194, 55), 0.1, 5.0), "target of finger B 55, expected 194"),
+        (
+            CloseFast(5.0, (True, True, False), (194, 50, 194), 0.1),
+            "target of finger A 55, expected 194",
+        ),
+        (
+            OpenFingers(0.1),
+            "; ".join(f"target of finger {name} 55, expected 0" for name in "ABC"),
+        ),
+        (HoldFingers(), "targets (55, 55, 55) or rGTO are not as written"),
+    ],
+)
+def test_the_targets_in_a_status_that_shows_no_command_are_reported(
+    command: GripperCommand, how: str
+) -> None:
+    history = GripperHistory(MonitorSettings())
+    history.sent(command)
+    reads = [gripper(i * 40_000_000, fresh=i == 0) for i in range(6)]
+    *_, last = [history.update(state) for state in reads]
+    assert last == {"gripper_unconfirmed": {"seconds": 0.2, "how": how}}
+
+
+def test_a_command_is_not_unconfirmed_because_the_loop_is_slow() -> None:
     """Few status reads far apart prove nothing about a hand that needs two of them."""
     slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(6)]
     assert failed_at(slow[:5]) == ""
-    assert failed_at(slow) == "gripper_silent"
+    assert failed_at(slow) == "gripper_unconfirmed"
 
 
-def test_limits_of_silence_and_standstill_are_exclusive() -> None:
+def test_limits_of_confirmation_and_standstill_are_exclusive() -> None:
     half = [gripper(round(i * 1e8), fresh=i == 0) for i in range(6)]
     assert failed_at(half, echo_s=0.5) == ""
     assert failed_at([moving(0.0, 55), moving(0.5, 55)], finger_start_s=0.5) == "gripper_stands"
@@ -66,7 +92,7 @@ def test_each_fresh_status_restarts_time_and_read_count() -> None:
     fresh_reads = (0, 4, 9)  # at most four status reads between them
     reads = [gripper(i * 120_000_000, fresh=i in fresh_reads) for i in range(15)]
     assert failed_at(reads[:14]) == ""
-    assert failed_at(reads) == "gripper_silent"
+    assert failed_at(reads) == "gripper_unconfirmed"
     often = [gripper(i * 10_000_000, fresh=i < 100) for i in range(110)]
     assert failed_at(often, echo_s=0.2) == ""
 
@@ -80,14 +106,16 @@ def test_finger_that_starts_from_rest_gets_the_start_time() -> None:
 def test_first_outdated_status_is_not_counted() -> None:
     reads = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
     assert failed_at(reads[:5]) == ""
-    assert failed_at(reads) == "gripper_silent"
+    assert failed_at(reads) == "gripper_unconfirmed"
 
 
 @pytest.mark.parametrize(
     ("fault", "active", "codes"),
-    [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
+    [(14, False, ""), (14, True, "gripper_unconfirmed"), (0, True, "gripper_unconfirmed")],
 )
-def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, codes: str) -> None:
+def test_an_inactive_hand_with_a_fault_confirms_no_command(
+    fault: int, active: bool, codes: str
+) -> None:
     reads = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
     assert failed_at([msgspec.structs.replace(look, active=active) for look in reads]) == codes
 

@@ -134,6 +134,19 @@ def test_killed_worker_fails_only_its_own_trial(tmp_path: Path) -> None:
     assert (done.new, done.successes, done.errors) == (4, 3, 1)
 
 
+def test_folder_of_a_killed_process_is_removed_at_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    left, used = tmp_path / "grasp-campaign-0-x", tmp_path / f"grasp-campaign-{os.getpid()}-x"
+    for folder in (left, used):
+        folder.mkdir()
+        (folder / "run.mcap").touch()
+    run_here(TWO_OBJECTS, tmp_path / "a.sqlite", instant_success)
+    assert not left.exists()
+    assert used.exists()
+
+
 def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path) -> None:
     def crash_two(trial: Task) -> Finished:
         if trial.number in (0, 3):

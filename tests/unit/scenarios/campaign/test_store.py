@@ -1,6 +1,8 @@
 """A campaign's file: one writer, damage, and a full disk."""
 
+import csv
 import errno
+import io
 import os
 import random
 import shutil
@@ -189,6 +191,15 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
 
 
 # Content of a campaign file
+
+
+def test_csv_has_the_numbers_of_the_table(whole: Path) -> None:
+    text = io.StringIO(newline="")
+    with CampaignStore.open(whole) as opened:
+        opened.write_csv(text)
+    text.seek(0)
+    shown = [(row["set_down"], row["success"], row["moved"]) for row in csv.DictReader(text)]
+    assert shown[:2] == [("0", "1", ""), ("0", "0", "")]
 
 
 def test_a_campaign_with_repeated_values_or_an_invalid_sweep_is_refused(tmp_path: Path) -> None:

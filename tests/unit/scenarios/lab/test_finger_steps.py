@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.errors import LinkLost
+from drivers.errors import DeviceFault, LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
@@ -96,6 +96,13 @@ def test_fingers_close_and_open_fully_in_free_air() -> None:
     assert bench.positions == (240, OPEN, OPEN)  # limit of the hand
     bench.close(0, 0, 0)
     assert bench.positions == (OPEN, OPEN, OPEN)
+
+
+def test_targets_that_do_not_follow_a_step_are_reported() -> None:
+    bench = Bench()
+    bench.rig.model.ignores_writes = True
+    with pytest.raises(DeviceFault, match=r"another client .* targets \(\d.*, expected \(\d"):
+        bench.close(60, 60, 60)
 
 
 def test_press_in_steps_reaches_the_full_force() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import grasp
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import ConfigError, GraspError, UsageError
 from scenarios.library.results import Lift
 from scenarios.rigs import wired
 
@@ -35,7 +35,8 @@ def fresh(program: str) -> list[str]:
 
 
 def test_importing_it_loads_nothing_outside_the_standard_library() -> None:
-    program = "import sys, grasp; grasp.__all__; dir(grasp); print(*sys.modules)"
+    start = "import sys; before = set(sys.modules)"  # with what a distribution adds to Python
+    program = f"{start}; import grasp; grasp.__all__; dir(grasp); print(*set(sys.modules) - before)"
     foreign = {name.split(".")[0] for name in fresh(program)} - set(sys.stdlib_module_names)
     assert {name for name in foreign if not name.startswith("_")} == {"grasp"}
 
@@ -95,3 +96,13 @@ def test_no_call_opens_a_real_device(call: Any, opened: list[str], tmp_path: Pat
         call(rig="hardware", settings=LAB, permit=object())
     assert opened == []
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"seed": -1}, {"seed": "x"}, {"object": 3}, {"detector": 5}, {"settings": 5}, {"rig": "sim"}],
+)
+def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) -> None:
+    with pytest.raises(GraspError) as error:
+        grasp.lift(**wrong)
+    assert str(next(iter(wrong.values()))) in error.value.message

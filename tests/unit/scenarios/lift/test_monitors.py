@@ -1,5 +1,7 @@
 """Implausible device data: a fault with the right code, in time, and the safe state."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -160,7 +162,7 @@ def test_detector_that_raises_is_late_or_fails_to_reset_is_a_fault(
     assert "MemoryError" in trial.controller.fault_cause
 
 
-def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline() -> None:
+def test_a_gripper_whose_registers_do_not_follow_a_command_is_a_fault_within_its_deadline() -> None:
     for phase, act in (
         (P.SHAPE, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
         (P.HOLD, fault.swallow_writes), (P.LIFT, fault.freeze_gripper_status),
@@ -168,7 +170,10 @@ def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline
     ):  # fmt: skip
         staged = Staged()
         trial = staged.run(well_in(phase), act)
-        in_safe_state(staged, trial, "gripper_silent", (phase, act.__name__))
+        in_safe_state(staged, trial, "gripper_unconfirmed", (phase, act.__name__))
+        text = trial.controller.faults[0].line
+        assert "another client changed the gripper's registers, or the gripper ignores" in text
+        assert re.search(r"target of finger [ABC] \d+, expected \d+", text), (phase, text)
         done_ns = staged.done_at_ns or 0
         first = next(t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > done_ns)
         assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9, (phase, act.__name__)

@@ -3,10 +3,11 @@
 import os
 import signal
 from contextlib import closing
+from unittest.mock import Mock
 
 import pytest
 
-from drivers.errors import GraspError
+from drivers.errors import GraspError, UsageError
 from scenarios.rigs.workers import ONE_THREAD, Outcome, Workers, outcomes, results
 
 
@@ -42,3 +43,12 @@ def test_workers_have_one_thread_and_leave_ctrl_c_to_their_parent() -> None:
 def test_closing_the_results_ends_the_workers() -> None:
     with closing(results(squared, range(1000), Workers(2))) as found:
         next(found)  # the leak fixture checks that no process remains
+
+
+def test_one_worker_runs_here_without_shared_memory_and_several_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("multiprocessing.Lock", Mock(side_effect=OSError(30, "Read-only")))
+    assert list(results(lambda task: os.getpid(), [0], Workers(1))) == [os.getpid()]
+    with pytest.raises(UsageError, match=r"/dev/shm: Read-only"):
+        list(results(lambda task: 0, [0], Workers(2)))

@@ -4,12 +4,14 @@ phases are in tests/nightly, and in virtual time in tests/unit/scenarios/lift/te
 import pytest
 
 from grasp.states import State
+from tests.ur_rtde import needs_ur_rtde
 from tests.wire.scenarios.cell.lift_with_fault import run
 
 
 @pytest.mark.parametrize(
     ("fault", "phase"), [("protective-stop", State.LIFT), ("fingertips-unplugged", State.BRACE)]
 )
+@needs_ur_rtde
 def test_fault_ends_in_the_safe_state(
     fault: str, phase: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:

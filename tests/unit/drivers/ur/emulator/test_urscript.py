@@ -4,8 +4,9 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from drivers.ur.emulator.urscript import MAX_THREADS, PoseValue, Program, ScriptError
+from drivers.ur.emulator.urscript import MAX_THREADS, Program
 from drivers.ur.emulator.urscript_parser import MAX_CHARS, parse
+from drivers.ur.emulator.urscript_values import PoseValue, ScriptError
 
 
 class Robot:

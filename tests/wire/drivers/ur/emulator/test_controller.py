@@ -13,7 +13,7 @@ from drivers.ur.emulator.server import UrEmulator
 from drivers.ur.model import ArmModel
 from drivers.ur.settings import ArmModelSettings
 from tests.wire.cases import case
-from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench
+from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench, run_to_end
 
 
 def test_program_that_ends_in_motion_is_braked(bench):
@@ -33,6 +33,15 @@ def test_two_threads_on_one_arm_end_the_program(bench):
     bench.cycles(20)
     assert "Another thread is already controlling the robot" in bench.last
     assert bench.controller.runtime_state is RuntimeState.STOPPED
+
+
+def test_join_waits_for_the_end_of_a_thread(bench):
+    run_to_end(
+        bench,
+        "global done = 0\n thread t():\n sleep(0.4)\n done = 7\n return False\n end\n"
+        "h = run t()\n join h\n join h\n write_output_integer_register(1, done)",
+    )
+    assert bench.controller.registers.values["output", "int"][1] == 7
 
 
 def test_invalid_arguments_end_the_program_without_motion(bench):

@@ -1,5 +1,6 @@
 """The emulator as a process, and the bytes on its ports."""
 
+import contextlib
 import itertools
 import json
 import signal
@@ -125,9 +126,21 @@ def test_versions_and_data_as_bytes(emulator):
         assert [b - a for a, b in itertools.pairwise(stamps)] == pytest.approx([0.016] * 4)
 
 
+def test_protocol_version_1_has_neither_frequency_nor_output_recipe_id(emulator):
+    with Rtde(emulator.host) as rtde:
+        assert rtde.request("V", b"\x00\x01") == ("V", b"\x01")
+        assert rtde.request("O", b"timestamp,nonsense") == ("O", b"DOUBLE,NOT_FOUND")
+        assert rtde.request("S") == ("S", b"\x00")
+        assert rtde.request("O", b"timestamp,robot_mode") == ("O", b"DOUBLE,INT32")
+        assert rtde.request("I", b"input_int_register_0") == ("I", b"\x01INT32")
+        assert rtde.request("S") == ("S", b"\x01")
+        (first, mode), (second, _) = (struct.unpack(">di", rtde.read()[1]) for _ in range(2))
+        assert mode == 7 and second > first
+
+
 def test_invalid_recipes_are_refused(emulator):
     with Rtde(emulator.host) as one, Rtde(emulator.host) as other:
-        assert one.request("V", b"\x00\x01") == ("V", b"\x00")
+        assert one.request("V", b"\x00\x03") == ("V", b"\x00")
         assert one.request("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
             b"\x00DOUBLE,NOT_FOUND"
         )
@@ -177,3 +190,21 @@ def test_invalid_programs_end_and_the_controller_keeps_running(emulator, text, m
         time.sleep(0.01)
     assert state["runtime_state"] == 1
     assert any(message in line for line in state["messages"]), state
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("def f():\n  if True:\n    sleep(1)\n  end\n", "1 blocks without end"),
+        ("def f():\n  sleep(1)\nend", "no line end"),
+        ("def f():\n" + "  sleep(1)\n" * 30_000, "longer than 250000 characters"),
+    ],
+)
+def test_a_program_that_never_ends_is_logged_as_incomplete(emulator, text, why):
+    with contextlib.suppress(ConnectionError):  # beyond the limit the emulator hangs up
+        send_program(emulator.host, text)
+    deadline = time.monotonic() + WAIT_S
+    while not (lines := emulator.fault(do="state")["messages"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert f"incomplete program ignored: {why}" in lines[0]

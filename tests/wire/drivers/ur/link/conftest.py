@@ -23,6 +23,7 @@ SETUP = messages.Setup(
     tcp_offset=(0.0,) * 6,
     payload_kg=2.6,
     cog_m=(0.0, 0.0, 0.05),
+    upper_registers=False,
     watchdog_hz=10.0,
     heartbeat_timeout_s=0.2,
     link_timeout_s=1.0,

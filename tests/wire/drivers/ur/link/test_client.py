@@ -18,6 +18,7 @@ from drivers.ur.driver import ArmDriver
 from drivers.ur.link import client
 from drivers.ur.link.client import UrLink
 from drivers.ur.settings import ArmSettings, UrSettings
+from tests.ur_rtde import needs_ur_rtde
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
@@ -101,6 +102,27 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     arm.poll_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
+
+
+@pytest.mark.parametrize(("profile", "upper"), [("cb3", True), ("e-series", True), ("cb3", False)])
+def test_moves_and_watchdog_beside_a_fieldbus_that_claims_the_other_registers(
+    emulate, connect, profile, upper
+):
+    emulator = emulate(profile)
+    first = 0 if upper else 24
+    others = [f"input_{kind}_register_{first + n}" for kind in ("int", "double") for n in range(24)]
+    emulator.do("claim", names=others)
+    arm = connect(upper_registers=upper)
+    arm.rise(0.05)
+    arm.poll_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
+    arm.rise(0.4)
+    arm.poll_until(arm.rising)
+    (worker,) = workers()
+    os.kill(worker, signal.SIGSTOP)  # nothing kicks the watchdog any more
+    stopped = emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
+    assert any("watchdog" in line for line in stopped["messages"])
+    os.kill(worker, signal.SIGCONT)
 
 
 def test_a_stop_during_a_move_is_confirmed(emulate, connect):
@@ -302,6 +324,7 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
 
 
+@needs_ur_rtde
 def test_an_unconnected_link_cannot_be_read():
     link = UrLink(UrSettings(host="127.0.0.2"))
     with pytest.raises(LinkLost, match="connect"):

@@ -35,7 +35,15 @@ def test_closed_port_is_named(controller, host, port):
     report = preflight(host)
     with pytest.raises(LinkLost, match=str(port)):
         raise_for_failures(report)
-    assert len(report.failures) == 1
+    (failure,) = report.failures
+    assert "Services" in failure.remedy and "cable" not in failure.remedy
+
+
+def test_polyscope_x_is_refused_without_a_hint_at_cables(controller, host):
+    controller(version=(10, 11, 0, 0), ports={SCRIPT, RTDE})
+    with pytest.raises(DeviceFault, match=r"PolyScope X .* no dashboard server") as caught:
+        raise_for_failures(preflight(host))
+    assert "cable" not in caught.value.remedy and "firewall" not in caught.value.remedy
 
 
 @pytest.mark.parametrize("port", [DASHBOARD, RTDE])
@@ -64,7 +72,7 @@ def test_versions_pass_warn_or_fail():
         ((5, 5, 0, 0), "ok"),
         ((5, 22, 9, 9), "ok"),
         ((5, 23, 0, 0), "warn"),
-        ((10, 10, 0, 0), "warn"),
+        ((10, 10, 0, 0), "fail"),
     ]:
         with case(version, status):
             check = check_version(version)
@@ -111,6 +119,15 @@ def test_registers_in_use_name_the_fieldbus(controller, host):
     with pytest.raises(DeviceFault, match=r"input_double_register_0.* and 2 more") as caught:
         raise_for_failures(preflight(host, step_timeout_s=0.3))
     assert "fieldbus" in caught.value.remedy and "URCaps" in caught.value.remedy
+    assert "set ur.upper_registers = true" in caught.value.remedy
+    raise_for_failures(preflight(host, upper_registers=True))
+
+
+def test_the_upper_registers_are_refused_and_not_proposed_from_polyscope_5_23_on(controller, host):
+    controller(version=(5, 23, 0, 0)).in_use = {"input_int_register_0"}
+    (below,) = preflight(host, 0.3).failures
+    (above,) = preflight(host, 0.3, upper_registers=True).failures
+    assert "upper_registers" not in below.remedy and "upper_registers = false" in above.remedy
 
 
 def test_claims_of_a_client_that_has_just_disconnected_are_awaited(controller, host):
