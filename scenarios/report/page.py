@@ -50,7 +50,8 @@ def palette(name: str) -> str:
     """A colour of the pages' light scheme, such as ``finger0`` or ``limit``, as #rrggbb; raises
     KeyError for another name."""
     light, _, _ = _part("page.css").partition("@media")
-    return dict[str, str](re.findall(r"--(\w+): (#\w{6})", light))[name]
+    colours: dict[str, str] = dict(re.findall(r"--(\w+): (#\w{6})", light))
+    return colours[name]
 
 
 def _fingerprint(text: str) -> str:

@@ -244,6 +244,7 @@ HEADS = {
     "unmoved_quiet": "The tap did not move the {it}, and no slip was registered",
     "unmoved_registered": "The tap did not move the {it}, but slip was registered",
     "late": "The tap moved the {it}, but its slip was registered too late",
+    "knocked_out": "The tap knocked the {it} out of the hand",
     "never_nominal": "There was no tap, because slip stayed registered",
     "fault": "A fault ended the run of the {it} in a safe state",
     "interrupted": "The run of the {it} was interrupted, without a verdict",
@@ -268,7 +269,10 @@ def sentence(run: RunRecord) -> str:
     if (rise_mm := 1e3 * (_top_m(run) - run.arm_m[_lift_step(run), 2])) >= 1.0:
         texts[0] = texts[0].replace(" lifted", f" lifted {rise_mm:.0f} mm")
     onset_s, late_ms = verdict.slip_onset_s, verdict.detection_latency_ms
-    texts += [] if onset_s is None else [f"It began to slip at {onset_s:.2f} s"]
+    if onset_s is not None:
+        texts.append(f"It began to slip at {onset_s:.2f} s")
+    elif verdict.slip_registered_s is not None:
+        texts.append(f"Slip was registered at {verdict.slip_registered_s:.2f} s")
     if onset_s is not None and late_ms is not None:
         texts[-1] += f"; this was registered {abs(late_ms):.0f} ms "
         texts[-1] += "earlier" if late_ms < 0.0 else "later"
