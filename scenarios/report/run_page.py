@@ -274,16 +274,16 @@ def sentence(run: RunRecord) -> str:
     elif verdict.slip_registered_s is not None:
         texts.append(f"Slip was registered at {verdict.slip_registered_s:.2f} s")
     if onset_s is not None and late_ms is not None:
-        texts[-1] += f"; this was registered {abs(late_ms):.0f} ms "
+        texts[-1] += f"; the hand registered it {abs(late_ms):.0f} ms "
         texts[-1] += "earlier" if late_ms < 0.0 else "later"
         rise_ms = getattr(verdict, "reaction_latency_ms", None)
         if rise_ms is not None and rise_ms >= late_ms:
-            texts[-1] += f", and the grip was tighter {rise_ms - late_ms:.0f} ms after that"
+            texts[-1] += f" and gripped tighter {rise_ms - late_ms:.0f} ms after that"
     if onset_s is not None and verdict.slip_distance_m is not None:
         texts[-1] += f". In all it slipped {verdict.slip_distance_m * 1e3:.1f} mm"
     if peaks_n := verdict.peak_force_n or verdict.peak_estimated_n:
         known = "" if verdict.peak_force_n else " estimated"
-        each = "a finger" if verdict.cap_mode == "every_finger" else "a motor"
+        each = "per finger" if verdict.cap_mode == "every_finger" else "per motor"
         texts.append(
             f"Largest{known} force on a finger: {max(peaks_n.values()):.1f} N; commanded: "
             f"{verdict.commanded_force_n:.1f} N of {verdict.force_limit_n:g} N allowed {each}"
