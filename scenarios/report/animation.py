@@ -13,6 +13,7 @@ import numpy as np
 from drivers.errors import BadFile
 from drivers.interfaces import FINGER_NAMES
 from scenarios.report.export import COLOURS, LIMIT_COLOUR, pyplot, title
+from scenarios.report.page import palette
 from scenarios.report.run_record import RunRecord, TrueWorld, read_run
 
 BEFORE_S, AFTER_S = 0.2, 0.9  # shown around the onset of slip
@@ -65,8 +66,8 @@ def _sketch(axes: Any, run: RunRecord, truth: TrueWorld) -> Draw:
     low = -4 * HALF_HEIGHT_MM
     marks = np.arange(low, -low, STRIPE_MM)
     axes.set(xlim=(-32, 32), ylim=(-HALF_HEIGHT_MM, HALF_HEIGHT_MM), xticks=[], yticks=[])
-    axes.axvspan(-HALF_OBJECT_MM, HALF_OBJECT_MM, color="#d9d4c7", lw=0)
-    stripes = axes.hlines(marks, -HALF_OBJECT_MM, HALF_OBJECT_MM, color="#8f8778", lw=1.5)
+    axes.axvspan(-HALF_OBJECT_MM, HALF_OBJECT_MM, color=palette("body"), lw=0)
+    stripes = axes.hlines(marks, -HALF_OBJECT_MM, HALF_OBJECT_MM, color=palette("soft"), lw=1.5)
     arrows = []
     for side, fingers, name in ((-1, LEFT, "A (thumb)"), (1, RIGHT, "B + C")):
         colour = COLOURS[name[0]]

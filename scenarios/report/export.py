@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.files import save_figure
+from scenarios.report.page import palette
 from scenarios.report.run_record import RunRecord, read_run
 from scenarios.report.run_view import bound_of, decided
 from scenarios.trial.result import spelt
@@ -70,8 +71,8 @@ def _by_finger(what: str, values: Floats) -> dict[str, Floats]:
 
 # Pictures
 
-COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
-LIMIT_COLOUR = "#b00020"
+COLOURS = {name: palette(f"finger{i}") for i, name in enumerate(FINGER_NAMES)}
+LIMIT_COLOUR = palette("limit")
 LOWERING_SHOWN_S = 0.3
 NAMES_APART = 0.03  # least distance of phase names, as a share of the plot's width
 SHADES = {

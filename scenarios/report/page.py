@@ -8,6 +8,7 @@ page's content security policy allows only the scripts that are embedded here.
 import base64
 import hashlib
 import math
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -43,6 +44,14 @@ def render(template: str, scripts: Sequence[str], connect: str = "'none'", **con
 @cache
 def _part(name: str) -> str:
     return (PARTS / name).read_text("utf-8").strip()
+
+
+def palette(name: str) -> str:
+    """A colour of the pages' light scheme, such as ``finger0`` or ``limit``, as #rrggbb; raises
+    KeyError for another name."""
+    light, _, _ = _part("page.css").partition("@media")
+    colours: dict[str, str] = dict(re.findall(r"--(\w+): (#\w{6})", light))
+    return colours[name]
 
 
 def _fingerprint(text: str) -> str:

@@ -244,6 +244,7 @@ HEADS = {
     "unmoved_quiet": "The tap did not move the {it}, and no slip was registered",
     "unmoved_registered": "The tap did not move the {it}, but slip was registered",
     "late": "The tap moved the {it}, but its slip was registered too late",
+    "knocked_out": "The tap knocked the {it} out of the hand",
     "never_nominal": "There was no tap, because slip stayed registered",
     "fault": "A fault ended the run of the {it} in a safe state",
     "interrupted": "The run of the {it} was interrupted, without a verdict",
@@ -268,18 +269,21 @@ def sentence(run: RunRecord) -> str:
     if (rise_mm := 1e3 * (_top_m(run) - run.arm_m[_lift_step(run), 2])) >= 1.0:
         texts[0] = texts[0].replace(" lifted", f" lifted {rise_mm:.0f} mm")
     onset_s, late_ms = verdict.slip_onset_s, verdict.detection_latency_ms
-    texts += [] if onset_s is None else [f"It began to slip at {onset_s:.2f} s"]
+    if onset_s is not None:
+        texts.append(f"It began to slip at {onset_s:.2f} s")
+    elif verdict.slip_registered_s is not None:
+        texts.append(f"Slip was registered at {verdict.slip_registered_s:.2f} s")
     if onset_s is not None and late_ms is not None:
-        texts[-1] += f"; this was registered {abs(late_ms):.0f} ms "
+        texts[-1] += f"; the hand registered it {abs(late_ms):.0f} ms "
         texts[-1] += "earlier" if late_ms < 0.0 else "later"
         rise_ms = getattr(verdict, "reaction_latency_ms", None)
         if rise_ms is not None and rise_ms >= late_ms:
-            texts[-1] += f", and the grip was tighter {rise_ms - late_ms:.0f} ms after that"
+            texts[-1] += f" and gripped tighter {rise_ms - late_ms:.0f} ms after that"
     if onset_s is not None and verdict.slip_distance_m is not None:
         texts[-1] += f". In all it slipped {verdict.slip_distance_m * 1e3:.1f} mm"
     if peaks_n := verdict.peak_force_n or verdict.peak_estimated_n:
         known = "" if verdict.peak_force_n else " estimated"
-        each = "a finger" if verdict.cap_mode == "every_finger" else "a motor"
+        each = "per finger" if verdict.cap_mode == "every_finger" else "per motor"
         texts.append(
             f"Largest{known} force on a finger: {max(peaks_n.values()):.1f} N; commanded: "
             f"{verdict.commanded_force_n:.1f} N of {verdict.force_limit_n:g} N allowed {each}"

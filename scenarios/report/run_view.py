@@ -1,4 +1,4 @@
-"""View of a run for pages and terminal: side view, values of the decision rule with their limit,
+"""View of a run for pages and terminal: scene, values of the decision rule with their limit,
 and figures of the verdict."""
 
 import math
@@ -91,7 +91,7 @@ def taxels_of(config: TrialConfig) -> int:
 
 
 def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
-    """Dimensions of the side view in metres; heights are relative to ``grip_m``, the arm's height
+    """Dimensions of the 3D view in metres; heights are relative to ``grip_m``, the arm's height
     at the start of the lift."""
     known = config.calibration
     return {

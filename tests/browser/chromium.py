@@ -118,6 +118,12 @@ class Chromium:
             case "Runtime.consoleAPICalled":
                 self.errors.append(str(parameters["args"]))
 
+    def resize(self, width: int, height: int) -> None:
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
+            mobile=False,
+        )  # fmt: skip
+
     def open(self, page: Path) -> None:
         """Load a file and wait until its scripts, if any, report that they are ready."""
         self.call("Page.navigate", url=page.as_uri())

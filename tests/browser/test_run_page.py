@@ -156,11 +156,21 @@ def test_scene_follows_the_arm_and_says_so_as_text(lifted: Path, browser: Chromi
     assert float(label.split()[1]) == pytest.approx(risen_mm, abs=1.0)
 
 
-@pytest.mark.parametrize("width", [320, 1280])
+@pytest.mark.parametrize("width", [320, 360, 1280])
 def test_nothing_is_wider_than_the_window(lifted: Path, browser: Chromium, width: int) -> None:
-    browser.call(
-        "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
-        mobile=False,
-    )  # fmt: skip
+    browser.resize(width, 740)
     browser.open(lifted / "report.html")
     assert browser.value("document.documentElement.scrollWidth") <= width
+
+
+def test_controls_of_a_phone_stay_visible_and_fit_a_finger(lifted: Path, browser: Chromium) -> None:
+    browser.resize(360, 740)
+    browser.open(lifted / "report.html")
+    browser.value("scrollTo(0, document.body.scrollHeight)")
+    boxes = browser.value(
+        "[...document.querySelectorAll('.player button, .player select, .player input')]"
+        ".map((e) => e.getBoundingClientRect()).map((r) => [r.top, r.bottom, r.width])"
+    )
+    assert len(boxes) == 6
+    for top, bottom, wide in boxes:
+        assert top >= 0 and bottom < 370 and bottom - top >= 40 and wide >= 40

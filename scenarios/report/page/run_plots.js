@@ -1,7 +1,7 @@
 // The plots over time, by uPlot, with a common time scale and playhead.
 
 const AXIS_PX = 46;
-const PAPER_PX = 400; // of a plot beside the side view on an upright sheet of A4 or Letter
+const PAPER_PX = 400; // of a plot beside the scene on an upright sheet of A4 or Letter
 const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // time range around the selected instant when zoomed in
 const HEIGHTS = {force: 210, probability: 150, decided: 130, reported: 110, slip: 120};

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from grasp.messages import PHASES
+from scenarios.lift.scoring import LiftOutcome
 from scenarios.report.run_page import HEADS, run_page
 from scenarios.report.run_record import read_run
+from scenarios.tap.scoring import TapOutcome
 from scenarios.trial.run_folder import RESULT
 from tests.unit.scenarios.report.conftest import Message, changed, data_of, unpacked
 
@@ -62,6 +64,10 @@ def test_page_shows_the_verdict_with_its_figures(recorded: Path, page: str) -> N
     assert "limit 10 N, every_finger: it applies to each finger" in figures
     assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in figures
     assert not remarks(page)
+
+
+def test_every_outcome_has_a_sentence_of_its_own() -> None:
+    assert {*LiftOutcome, *TapOutcome} == set(HEADS)
 
 
 def test_html_in_a_foreign_text_is_escaped(recorded: Path, page: str, tmp_path: Path) -> None:
