@@ -18,6 +18,9 @@ __all__ = ["campaign", "detector", "lift", "replay", "tap"]
 def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from grasp.files import use_writable_cache
+
+    use_writable_cache()
     from scenarios.library import calls
 
     return getattr(calls, name)

@@ -75,7 +75,7 @@ def make_private_folder(path: Path, exist_ok: bool = True) -> None:
 def use_writable_cache() -> None:
     """Let libraries keep their files where they can: omit folders in the environment that cannot be
     written, and replace a user's cache folder like that by one of the temporary directory. Numba
-    refuses to compile without such a folder."""
+    refuses to compile without such a folder. To call before the import of compiled code."""
     for name in CACHE_VARIABLES:
         folder = Path(os.path.expanduser(os.environ.pop(name, "")))
         if folder.is_absolute() and not why_not_writable(nearest_folder(folder)):

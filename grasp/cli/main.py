@@ -14,7 +14,7 @@ from grasp.cli import exits
 from grasp.cli.commands import build_parser
 from grasp.cli.output import checked_streams, only_json, open_standard_streams
 from grasp.cli.parser import COMPLETING, complete
-from grasp.files import PATH_ERRORS
+from grasp.files import PATH_ERRORS, use_writable_cache
 
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
@@ -40,6 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         print(f"grasp {version('grasp-controller')}")
         return exits.SUCCESS
+    use_writable_cache()
     as_json = "--json" in words
     json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
     try:

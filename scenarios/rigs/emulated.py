@@ -15,6 +15,7 @@ import msgspec
 from drivers.errors import LinkLost
 from drivers.ur.link.preflight import require_ur_rtde
 from grasp.clock import WallClock
+from grasp.files import use_writable_cache
 from scenarios.rigs.cell_order import CellOrder
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.rig import Rig, Stalls, connect
@@ -95,6 +96,7 @@ class CellProcess:
         self._truth = Truth if isinstance(config, GraspRigConfig) else PressedTruth
         # -P: a folder called `drivers` in the working directory must not shadow the package
         home = str(Path(__file__).parents[2])
+        use_writable_cache()
         self._child = subprocess.Popen(
             [sys.executable, "-P", str(CELL_PROGRAM)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,

@@ -51,5 +51,5 @@ def test_example_notebooks_run_and_show_verdicts(
     assert json.loads(path.read_text())["nbformat"] == 4
     shown = run_notebook(path)
     shown_html = [value._repr_html_() for value in shown if hasattr(value, "_repr_html_")]
-    assert any("Held" in picture for picture in shown_html)
+    assert any("held" in picture for picture in shown_html)
     assert not any("<script" in picture or "http" in picture for picture in shown_html)
