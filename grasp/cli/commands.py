@@ -346,6 +346,8 @@ def _add_emulate(root: Parser) -> None:
     parser.flag("--beyond-loopback", "allow any --host of this machine; control and fault channels "
         "need the token printed with the endpoints")  # fmt: skip
     parser.option("--profile", "arm controller", choices=("cb3", "e-series"), default="cb3")
+    parser.option("--write FILE.toml", "write the settings of a lab that has these devices, for "
+        "--config with the rig hardware", file_to_write)  # fmt: skip
     parser.flag("--rtu", "offer the gripper on a serial line (a pseudo-terminal) too")
     parser.option("--object NAME", OBJECT_HELP, default="can")
     share(parser, "seed config set")

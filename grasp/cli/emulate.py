@@ -20,7 +20,10 @@ from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
 from grasp.cli.commands import OPERATOR_ACTIONS
 from grasp.cli.output import print_status
+from grasp.files import write_whole
+from grasp.settings import config_dir, read_toml
 from scenarios.campaign.config import load_for_devices
+from scenarios.report.run_settings import toml
 from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import describe_all_faults
 from scenarios.rigs.cell_order import CellOrder
@@ -46,11 +49,31 @@ def emulate(args: argparse.Namespace) -> int:
     print_status("cell: starting")
     console = Console(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
+
+    def opened(cell: EmulatedCell) -> None:
+        if args.write is not None:
+            write_whole(args.write, lab_settings(cell.endpoints()).encode())
+        console.listen(cell)
+
     try:
-        serve(order, there, ended, console.listen)
+        serve(order, there, ended, opened)
     except OSError as error:
         raise cannot_listen(args.host or "loopback", error) from None
     return exits.SUCCESS
+
+
+def lab_settings(endpoints: dict[str, Any]) -> str:
+    """Settings of the rig `hardware` that point at an emulated cell, as TOML."""
+    sections = read_toml(config_dir() / "rigs" / "emulated.toml").table
+    gripper = endpoints["gripper"]
+    sections["modbus"] |= {"host": gripper["host"], "port": gripper["port"]}
+    sections["usb"] = {"url": endpoints["tactile"]["url"]}
+    sections["ur"]["host"] = endpoints["arm"]["host"]
+    sections["calibration"] = {"pressed_bytes": [0], "presses": 10}
+    lines = ["# Emulated devices, with timeouts for a busy machine. Not for real devices."]
+    for name, section in sections.items():
+        lines += [f"[{name}]", *(f"{key} = {toml(value)}" for key, value in section.items())]
+    return "\n".join(lines) + "\n"
 
 
 def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:

@@ -194,7 +194,9 @@ def _print_height(result: Any, config: Any) -> None:
     retreat_mm = config.controller.retreat_m * 1e3
     lift = result.rig == "hardware" and result.scenario == "lift"
     if lift and phases[-2:-1] == ["release.retreat"]:
-        print(f"  the arm is {retreat_mm:.0f} mm above the set-down point; a next run starts there")
+        print(
+            f"  the arm is {retreat_mm:.0f} mm above the set-down point; a next run starts there, unless `grasp arm back` moves it down"
+        )
 
 
 def _report_last(results: list[Any], config: Any, kept: str) -> None:

@@ -167,13 +167,13 @@ def _delays(scenario: str, variants: Sequence[Variant]) -> Table:
         )
         for variant in variants for cell in variant.cells
     ]  # fmt: skip
-    return Table(headings, rows, "10, 50 and 90 % quantiles; –: infinite (never, or object lost).")
+    return Table(headings, rows, "50, 90 and 99 % quantiles; –: infinite (never, or object lost).")
 
 
 def _three(quantiles: Any, form: str = "{:.0f}") -> str:
     if not quantiles:
         return ""
-    three = (quantiles.p10, quantiles.p50, quantiles.p90)
+    three = (quantiles.p50, quantiles.p90, quantiles.p99)
     return " / ".join("–" if math.isinf(value) else form.format(value) for value in three)
 
 

@@ -4,6 +4,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -12,7 +13,7 @@ import pytest
 from drivers.addresses import check_host
 from drivers.errors import LinkLost, UsageError
 from grasp.cli import emulate
-from grasp.cli.emulate import Console, check_address
+from grasp.cli.emulate import Console, check_address, lab_settings
 from scenarios.campaign.config import load_config
 
 ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # not used by other tests
@@ -36,6 +37,19 @@ def test_an_address_beyond_loopback_needs_its_option_and_is_numeric() -> None:
     check_host("0.0.0.0", beyond_loopback=True)
     check_host("127.0.0.2", beyond_loopback=False)
     check_address(None, False)
+
+
+def test_written_settings_point_the_rig_hardware_at_the_cell(tmp_path: Path) -> None:
+    endpoints = {
+        "gripper": {"host": ADDRESS, "port": 5020}, "tactile": {"url": f"tcp://{ADDRESS}:5021"},
+        "arm": {"host": ADDRESS},
+    }  # fmt: skip
+    file = tmp_path / "lab.toml"
+    file.write_text(lab_settings(endpoints))
+    config = load_config("can", "hardware", "energy", [file])
+    assert (config.modbus.host, config.modbus.port, config.ur.host) == (ADDRESS, 5020, ADDRESS)
+    assert config.usb.url == f"tcp://{ADDRESS}:5021"
+    assert config.modbus.timeout_s == 1.0  # of a busy machine
 
 
 def test_a_used_port_is_refused_before_anything_is_compiled() -> None:
