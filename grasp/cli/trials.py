@@ -195,7 +195,8 @@ def _print_height(result: Any, config: Any) -> None:
     lift = result.rig == "hardware" and result.scenario == "lift"
     if lift and phases[-2:-1] == ["release.retreat"]:
         print(
-            f"  the arm is {retreat_mm:.0f} mm above the set-down point; a next run starts there, unless `grasp arm back` moves it down"
+            f"  the arm is {retreat_mm:.0f} mm above the set-down point; a next run starts there, "
+            "unless `grasp arm back` moves it down"
         )
 
 

@@ -65,7 +65,8 @@ def lift(
         rig: `simulated` (virtual time) or `emulated` (real protocols, wall time), or a `.toml` file
             based on one of them.
         seed: random seed, 0 or more.
-        detector: a name in `config/detectors`; None: the profile's.
+        detector: a name in `config/detectors`, or `FILE.py:NAME` or `FILE.onnx` of your own, which
+            a replay can load again; None: the profile's.
         profile: a name in `config/profiles`.
         config: a TOML file that overrides the packaged settings, or several in order.
         settings: single values that override the files, as `{"object.mass_kg": 0.3}`.
