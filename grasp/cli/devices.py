@@ -222,15 +222,13 @@ def arm_step(args: argparse.Namespace) -> int:
 
 def arm_back(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
-    run, start_m = last_start(config.rig, args.run)
     if config.devices.arm:
         raise UsageError("an arm of another package has no position here", "use `grasp arm step`")
-    _, now = arm_preflight.read_status(arm_address(config), config.ur.step_timeout_s)
-    x, y, z = now.pose[:3]
-    way_m = arm.check_back((x, y, z), start_m)
+    run, start_m = last_start(config.rig, args.run)
 
     def plan() -> str:
-        return (f"move the arm at {arm_address(config)} by z {way_m[2] * 1e3:+.1f} mm, "
+        up_m = arm.way_back(config, start_m)[2]
+        return (f"move the arm at {arm_address(config)} by z {up_m * 1e3:+.1f} mm, "
                 f"to where {run} began, at {ARM_SPEED}; nothing may be in its way")  # fmt: skip
 
     def look() -> str:
@@ -242,7 +240,7 @@ def arm_back(args: argparse.Namespace) -> int:
         lab.warn_of_slow_arm(config)
 
     def act(permit: Any) -> lab.Done:
-        at_m = arm.move_back(config, permit, way_m, lab.say)
+        at_m = arm.move_back(config, permit, start_m, lab.say)
         return lab.Done(f"the arm is at {_position(at_m)}, where {run} began")
 
     return lab.perform(args, config, plan, look, act, warn)

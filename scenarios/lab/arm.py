@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import msgspec
@@ -53,7 +54,7 @@ def step_arm(
     Raises UsageError without a permit, the errors of ``check_step``, and the drivers' errors.
     """
     check_step(config, step_m)
-    return _move(config, permit, step_m, say)
+    return _move(config, permit, lambda at_m: step_m, say)
 
 
 def check_back(at_m: Vector3, start_m: Vector3) -> Vector3:
@@ -71,25 +72,37 @@ def check_back(at_m: Vector3, start_m: Vector3) -> Vector3:
     return x, y, z
 
 
+def way_back(config: TrialConfig, start_m: Vector3) -> Vector3:
+    """The way of ``check_back`` from the arm's present position. Raises LinkLost."""
+    _, now = arm_preflight.read_status(arm_address(config), config.ur.step_timeout_s)
+    x, y, z = now.pose[:3]
+    return check_back((x, y, z), start_m)
+
+
 def move_back(
-    config: TrialConfig, permit: MotionPermit | None, way_m: Vector3, say: Say
+    config: TrialConfig, permit: MotionPermit | None, start_m: Vector3, say: Say
 ) -> Vector3:
-    """Move the way of ``check_back`` at 10 mm/s, also below the workspace of this start, which is
+    """Move back to a run's start at 10 mm/s, also below the workspace of this position, which is
     inside that of the run; otherwise as ``step_arm``."""
+    require(permit)
     low_x, low_y, low_z = config.arm.workspace_low_m
-    widened = replace(config.arm, workspace_low_m=(low_x, low_y, min(low_z, way_m[2] - 0.001)))
-    return _move(replace(config, arm=widened), permit, way_m, say)
+    down_m = way_back(config, start_m)[2] - 0.001
+    widened = replace(config.arm, workspace_low_m=(low_x, low_y, min(low_z, down_m)))
+    config = replace(config, arm=widened)
+    return _move(config, permit, lambda at_m: check_back(at_m, start_m), say)
 
 
-def _move(config: TrialConfig, permit: MotionPermit | None, by_m: Vector3, say: Say) -> Vector3:
+def _move(
+    config: TrialConfig, permit: MotionPermit | None, way: Callable[[Vector3], Vector3], say: Say
+) -> Vector3:
     require(permit)
     clock = WallClock(WallClock().now_ns)
     with driving(arm_of(config)), open_arm(config, lambda: clock.now_ns) as arm:
         arm.poll(clock.now_ns)
         arm.set_payload(config.arm.payload_kg)
         arm.poll(clock.now_ns)
-        x, y, z = _position(arm)
-        dx, dy, dz = by_m
+        x, y, z = at_m = _position(arm)
+        dx, dy, dz = by_m = way(at_m)
         with on_failure(lambda: say(_stop(arm, clock))):
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
             within_s = MOVE_S + math.hypot(*by_m) / SPEED_MPS

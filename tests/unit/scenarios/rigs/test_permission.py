@@ -175,7 +175,8 @@ WITH_A_RIG = {
     ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [],
     ("release",): [], ("doctor",): [],
     **{("gripper", name): [] for name in GRIPPER}, ("status",): ["arm"],
-    ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
+    ("arm", "step"): ["--z", "1"], ("arm", "back"): ["run"], ("arm", "stop"): [],
+    **{("tactile", n): [] for n in TACTILE},
     **{("calibrate", name): more for name, more in CALIBRATE.items()},
 }  # fmt: skip
 READ_ONLY = {  # no device replies
@@ -194,6 +195,8 @@ def test_no_command_opens_real_devices_of_a_rig_file_without_a_confirmation(
         for words, parser in verbs(build_parser())
         if any("--rig" in action.option_strings for action in parser._actions)
     }
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "result.json").write_text('{"rig": "hardware", "home_m": [0, 0, 0]}')
     assert found == set(WITH_A_RIG)  # every command with --rig is tried here
     expected = {("config",): 0, **dict.fromkeys(READ_ONLY, 3)}
     for words, more in WITH_A_RIG.items():
