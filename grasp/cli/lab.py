@@ -15,6 +15,7 @@ from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.permission import arm_address, permit
 
+SAME_HEIGHT_M = 0.001
 say = exits.report_line  # on standard error
 
 
@@ -100,6 +101,22 @@ def warn_of_slow_arm(config: Any) -> None:
         slider = check_speed_slider(now.speed_fraction)
         if slider.status == "warn":
             say(f"{slider.detail} ({slider.remedy})")
+
+
+def warn_of_height(config: Any) -> None:
+    """Say how far the arm stands above or below where the last run began."""
+    if config.devices.arm:
+        return
+    from scenarios.lab.arm import way_back
+    from scenarios.trial.run_folder import last_start
+
+    with suppress(GraspError):  # no such run, or the arm was moved elsewhere since
+        run, start_m = last_start(config.rig, None)
+        up_m = -way_back(config, start_m)[2]
+        if abs(up_m) > SAME_HEIGHT_M:
+            where = "above" if up_m > 0.0 else "below"
+            say(f"the arm stands {abs(up_m) * 1e3:.0f} mm {where} where {run} began "
+                "(`grasp arm back` moves it there)")  # fmt: skip
 
 
 def warn_of_mode(config: Any, opened: bool = False) -> None:

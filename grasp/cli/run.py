@@ -7,7 +7,7 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
-from grasp.cli.lab import motion_permit, say, warn_of_mode, warn_of_slow_arm
+from grasp.cli.lab import motion_permit, say, warn_of_height, warn_of_mode, warn_of_slow_arm
 from grasp.cli.output import show
 from scenarios.campaign.config import load_config
 from scenarios.rigs.calibration import describe_calibration
@@ -41,6 +41,7 @@ def run_lift(args: argparse.Namespace) -> int:
 
         for line in plan(as_run(config, args), args):
             say(f"will {line}")
+        warn_of_height(config)
         warn_of_slow_arm(config)
         warn_of_mode(config)
     if args.first:
