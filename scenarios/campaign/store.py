@@ -115,9 +115,12 @@ class CampaignStore:
             with on_failure(store._resources.close):
                 store.rows()  # damage is found before anything is written
                 if store.spec != spec or store.settings().keys() != digests:
+                    was, now = map(msgspec.to_builtins, (store.spec, spec))
+                    if was == now:  # a packaged file or one that the campaign names has changed
+                        was = next(iter(store.settings().values()))
+                        now = msgspec.json.decode(msgspec.json.encode(grid[0].config))
                     raise ConfigError(
-                        str(path), "--resume",
-                        "was created with another campaign or other settings",
+                        str(path), "--resume", f"was created with {_difference(was, now)}",
                         "the same campaign file and settings, or another --out",
                     )  # fmt: skip
             return store._keep_lock(lock)
@@ -221,6 +224,16 @@ class CampaignStore:
         for row in self.rows():
             cells = msgspec.structs.asdict(row).items()
             writer.writerow({k: int(v) if isinstance(v, bool) else v for k, v in cells})
+
+
+def _difference(was: Any, now: Any, key: str = "") -> str:
+    """The first value that differs, and both values."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        for name in was | now:
+            if was.get(name) != now.get(name):
+                inner = f"{key}.{name}" if key else name
+                return _difference(was.get(name), now.get(name), inner)
+    return f"{key or 'other settings'} = {was!r}, not {now!r}"
 
 
 def _new_file(spec: CampaignSpec, grid: Sequence[Combination]) -> bytes:

@@ -195,5 +195,5 @@ def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     run_here(TWO_OBJECTS, out, instant_success)
     other = msgspec.structs.replace(TWO_OBJECTS, repetitions=5)
-    with pytest.raises(ConfigError, match="another campaign"):
+    with pytest.raises(ConfigError, match="created with repetitions = 2, not 5"):
         run_here(other, out, instant_success, resume=True)

@@ -80,13 +80,16 @@ def test_resume_runs_only_missing_trials(tmp_path: Path) -> None:
 def test_file_is_resumed_only_with_the_same_experiment_and_settings(tmp_path: Path) -> None:
     out = tmp_path / "e.sqlite"
     TrialSeries("lift", config("lift"), 0, 2).store(out, resume=False).__exit__()
-    for other in [
-        TrialSeries("lift", config("lift"), 1, 2),
-        TrialSeries("lift", config("lift"), 0, 3),
-        TrialSeries("tap", config("tap"), 0, 2),
-        TrialSeries("lift", config("lift", "controller.lift_speed_mps=0.2"), 0, 2),
+    for other, named in [
+        (TrialSeries("lift", config("lift"), 1, 2), "name = "),
+        (TrialSeries("lift", config("lift"), 0, 3), "repetitions = 2, not 3"),
+        (TrialSeries("tap", config("tap"), 0, 2), "name = "),
+        (
+            TrialSeries("lift", config("lift", "controller.lift_speed_mps=0.2"), 0, 2),
+            "controller.lift_speed_mps = 0.1, not 0.2",
+        ),
     ]:
-        with pytest.raises(ConfigError, match="created with another"):
+        with pytest.raises(ConfigError, match=f"created with {named}"):
             other.store(out, resume=True)
         with pytest.raises(ConfigError, match="exists already"):
             other.store(out, resume=False)
