@@ -229,7 +229,8 @@ def arm_back(args: argparse.Namespace) -> int:
     def plan() -> str:
         up_m = arm.way_back(config, start_m)[2]
         return (f"move the arm at {arm_address(config)} by z {up_m * 1e3:+.1f} mm, "
-                f"to where {run} began, at {ARM_SPEED}; nothing may be in its way")  # fmt: skip
+                f"to where {run} began, at {ARM_SPEED}; nothing may be in its way, "
+                "or in that of a held object")  # fmt: skip
 
     def look() -> str:
         preflight.check_arm(config)
