@@ -148,9 +148,10 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
         check_unit(t_s, table.source)
         start_s = float(t_s[0])
         changes.append(f"time: {time}, in {options.unit}, {start_s:.12g} s subtracted")
-        t_s = t_s - start_s
+        times_s, t_s = t_s, t_s - start_s
     else:
-        time, start_s, t_s = "", 0.0, np.arange(len(table.lines)) / options.rate_hz
+        time, times_s = "", np.arange(len(table.lines)) / options.rate_hz
+        t_s = times_s
         changes.append(f"time: made from {options.rate_hz:g} Hz")
     label = next((n for n in table.columns if n.lower() in LABEL_NAMES), "")
     names = _chosen(table, options.columns)
@@ -162,7 +163,7 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     values = np.column_stack([table.numbers(name) for name in names])
     slip = None
     if options.labels is not None:
-        slip, inside, how = _aligned_labels(options.labels, options.unit, t_s + start_s)
+        slip, inside, how = _aligned_labels(options.labels, options.unit, times_s)
         t_s, values, slip = t_s[inside], values[inside], slip[inside]
         changes.append(how)
     elif label:

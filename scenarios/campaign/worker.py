@@ -1,6 +1,7 @@
 """Runs one trial of a campaign in a worker process and returns its row."""
 
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -128,10 +129,13 @@ def _run(trial: Task) -> Finished:
 
 def remove_left_folders() -> None:
     """Remove the folders of trials whose process was killed."""
+    made = re.compile(FOLDER.format(pid=r"(\d+)") + r"[a-z0-9_]{8}")  # names as of tempfile
     for folder in Path(tempfile.gettempdir()).glob(FOLDER.format(pid="*") + "*"):
+        if (name := made.fullmatch(folder.name)) is None:
+            continue
         with suppress(OSError):
             ours = folder.lstat().st_uid == os.getuid()
-            if ours and not Path("/proc", folder.name.split("-")[2]).exists():
+            if ours and not Path("/proc", name[1]).exists():
                 shutil.rmtree(folder)
 
 

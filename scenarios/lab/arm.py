@@ -21,6 +21,7 @@ from scenarios.trial.config import TrialConfig
 replace = msgspec.structs.replace
 
 MOST_STEP_M = 0.005
+SAME_M = 0.001
 MOST_BACK_M = 0.3  # a run of the packaged profiles ends at most 0.25 m above its start
 SPEED_MPS, ACCELERATION_MPS2 = 0.01, 0.1  # slow; assumed
 STOP_MPS2 = 1.0  # as in a safe state
@@ -86,10 +87,20 @@ def move_back(
     inside that of the run; otherwise as ``step_arm``."""
     require(permit)
     low_x, low_y, low_z = config.arm.workspace_low_m
-    down_m = way_back(config, start_m)[2] - 0.001
-    widened = replace(config.arm, workspace_low_m=(low_x, low_y, min(low_z, down_m)))
-    config = replace(config, arm=widened)
-    return _move(config, permit, lambda at_m: check_back(at_m, start_m), say)
+    seen_m = way_back(config, start_m)
+    widened = replace(config.arm, workspace_low_m=(low_x, low_y, min(low_z, seen_m[2] - 0.001)))
+
+    def way(at_m: Vector3) -> Vector3:
+        by_m = check_back(at_m, start_m)
+        off_m = math.dist(by_m, seen_m)
+        if off_m > SAME_M:  # the status is of the controller's own tool
+            raise Refused(
+                f"the controller's tool position differs by {off_m * 1e3:.0f} mm from ours",
+                "set the controller's tool offset as in ur.tcp_offset, and keep the arm at rest",
+            )
+        return by_m
+
+    return _move(replace(config, arm=widened), permit, way, say)
 
 
 def _move(

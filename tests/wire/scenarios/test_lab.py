@@ -120,9 +120,9 @@ def test_arm_moves_back_to_the_start_of_a_run_but_not_sideways(lab: Lab, tmp_pat
     _, now = read_status(lab.config.ur.host, PATIENCE_S)
     x, y, z = now.pose[:3]
 
-    def back(*start_m: float, rig: str = "hardware") -> Any:
+    def back(*start_m: float, rig: str = "hardware", more: tuple[str, ...] = ()) -> Any:
         (tmp_path / "result.json").write_text(json.dumps({"rig": rig, "home_m": start_m}))
-        return lab.grasp("arm", "back", str(tmp_path), *CONFIRMED)
+        return lab.grasp("arm", "back", str(tmp_path), *CONFIRMED, *more)
 
     before_m = lab.height_m
     moved = back(x, y, z - 0.02)
@@ -132,6 +132,9 @@ def test_arm_moves_back_to_the_start_of_a_run_but_not_sideways(lab: Lab, tmp_pat
     for start_m in ((x + 0.01, y, z), (x, y, z - 0.31)):
         refused = back(*start_m)
         assert refused.code == 4 and "not straight above or below" in refused.err
+    other = ("--set", "ur.tcp_offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0]")  # than the controller's
+    refused = back(x, y, z, more=other)
+    assert refused.code == 4 and "tool position differs by 100 mm" in refused.err, refused
     assert "no result of a run on rig hardware" in back(x, y, z, rig="emulated").err
     assert lab.height_m == pytest.approx(before_m, abs=0.0003)
 

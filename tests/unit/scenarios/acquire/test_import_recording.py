@@ -83,6 +83,17 @@ def test_labels_of_a_second_file_at_another_rate_are_held(tmp_path: Path) -> Non
     assert kept.files["own.csv"] == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def test_labels_at_the_times_of_the_samples_are_theirs(tmp_path: Path) -> None:
+    """Whatever the start: a time minus the start plus the start is not always the same time."""
+    times = [f"{1.85 + k / 100:.2f}" for k in range(1000)]
+    lines = [f"{t},{values(k / 100)}" for k, t in enumerate(times)]
+    path = table(tmp_path, [f"time,{CHANNELS}", *lines])
+    labels = [f"{t},{k % 2}" for k, t in enumerate(times)]
+    options = ImportOptions(rest_s=0.4, labels=table(tmp_path, ["time,slip", *labels], "t.csv"))
+    made, _ = import_recording(path, options)
+    assert made.slip.tolist() == [bool(k % 2) for k in range(1000)]
+
+
 def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
     path = table(tmp_path, [f"t,{CHANNELS}", *rows(50, lambda t: f"{t},{values(t)}", 100)])
     with pytest.raises(BadFile, match="20 ms apart, 50 Hz") as caught:

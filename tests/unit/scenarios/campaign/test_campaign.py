@@ -138,13 +138,14 @@ def test_folder_of_a_killed_process_is_removed_at_the_next_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    left, used = tmp_path / "grasp-campaign-0-x", tmp_path / f"grasp-campaign-{os.getpid()}-x"
-    for folder in (left, used):
+    left, used = (tmp_path / f"grasp-campaign-{pid}-abcd_123" for pid in (0, os.getpid()))
+    others = tmp_path / "grasp-campaign-results-november", tmp_path / "grasp-campaign-0-results"
+    for folder in (left, used, *others):
         folder.mkdir()
         (folder / "run.mcap").touch()
     run_here(TWO_OBJECTS, tmp_path / "a.sqlite", instant_success)
     assert not left.exists()
-    assert used.exists()
+    assert all(folder.exists() for folder in (used, *others))
 
 
 def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path) -> None:
