@@ -4,6 +4,7 @@ Nothing is unpickled. Card and shapes are checked before a graph is executed.
 """
 
 import hashlib
+import math
 import os
 import re
 import resource
@@ -11,7 +12,6 @@ import subprocess
 import sys
 from contextlib import suppress
 from functools import cached_property, lru_cache
-from math import prod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -202,6 +202,8 @@ def problem_in_a_child(content: bytes, name: str) -> tuple[str, str] | None:
 def _try_network(name: str) -> None:
     """Test-run the network on standard input; print problem and remedy, or null, as JSON."""
     resource.setrlimit(resource.RLIMIT_DATA, (MOST_RUN_BYTES, MOST_RUN_BYTES))
+    most_s = math.ceil(MOST_RUN_S) + 1  # for a child whose parent was killed
+    resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s))
     problem = None
     try:
         _test_runs(Path(name), _loaded(Path(name), sys.stdin.buffer.read(), packaged=False))
@@ -266,8 +268,10 @@ def _loaded(path: Path, content: bytes, packaged: bool) -> LoadedNetwork:
             expected = "float (fingers, ...) with all axes but the first fixed"
             kind = "float" if each.is_float else "of another type,"
             raise _bad(path, f"input {name!r} is {kind} {each.shape}, not {expected}")
-        if prod(fixed) > MAX_FILE_BYTES:
-            raise _bad(path, f"input {name!r} has {prod(fixed)} numbers: not one frame or window")
+        if math.prod(fixed) > MAX_FILE_BYTES:
+            raise _bad(
+                path, f"input {name!r} has {math.prod(fixed)} numbers: not one frame or window"
+            )
         inputs[name] = fixed
     card = _card(path, metadata.get(CARD_KEY), inputs.get("counts", ()))
     frame: Shape = (len(card.mean_counts),)

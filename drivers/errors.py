@@ -60,6 +60,7 @@ class GraspError(Exception):
         super().__init__(message, remedy)  # all arguments, so that it can be pickled
         self.message = message
         self.remedy = remedy
+        self.add_note(f"remedy: {remedy}")  # in tracebacks, as of a library call
 
     def __str__(self) -> str:
         return self.message

@@ -204,20 +204,11 @@ def arm_step(args: argparse.Namespace) -> int:
     def plan() -> str:
         return f"move the arm at {arm_address(config)} by {step} at {ARM_SPEED}"
 
-    def look() -> str:
-        would = plan()
-        preflight.check_arm(config)
-        return would
-
-    def warn() -> None:
-        lab.say(f"will {plan()}")
-        lab.warn_of_slow_arm(config)
-
     def act(permit: Any) -> lab.Done:
         at_m = arm.step_arm(config, permit, by_m, lab.say)
         return lab.Done(f"the arm is at {_position(at_m)}, after {step}")
 
-    return lab.perform(args, config, plan, look, act, warn)
+    return _perform_motion(args, config, plan, act)
 
 
 def arm_back(args: argparse.Namespace) -> int:
@@ -232,6 +223,18 @@ def arm_back(args: argparse.Namespace) -> int:
                 f"to where {run} began, at {ARM_SPEED}; nothing may be in its way, "
                 "or in that of a held object")  # fmt: skip
 
+    def act(permit: Any) -> lab.Done:
+        at_m = arm.move_back(config, permit, start_m, lab.say)
+        return lab.Done(f"the arm is at {_position(at_m)}, where {run} began")
+
+    return _perform_motion(args, config, plan, act)
+
+
+def _perform_motion(
+    args: argparse.Namespace, config: Any, plan: Callable[[], str], act: Callable[[Any], lab.Done]
+) -> int:
+    """Run a command that moves the arm, or its dry run; arguments as of ``lab.perform``."""
+
     def look() -> str:
         preflight.check_arm(config)
         return plan()
@@ -239,10 +242,6 @@ def arm_back(args: argparse.Namespace) -> int:
     def warn() -> None:
         lab.say(f"will {plan()}")
         lab.warn_of_slow_arm(config)
-
-    def act(permit: Any) -> lab.Done:
-        at_m = arm.move_back(config, permit, start_m, lab.say)
-        return lab.Done(f"the arm is at {_position(at_m)}, where {run} began")
 
     return lab.perform(args, config, plan, look, act, warn)
 

@@ -52,15 +52,13 @@ def replay(args: argparse.Namespace) -> int:
 def _last_run() -> Path:
     """Folder of the newest recording in the default folder, which it prints. Raises UsageError if
     there is none."""
-    from scenarios.trial.run_folder import RECORDING, RUNS
+    from scenarios.trial.run_folder import RECORDING, RUNS, newest
 
-    recordings = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{RECORDING}")]
-    if not recordings:
+    if not (recordings := newest(RECORDING)):
         raise UsageError(f"no RUN given, and no recording in the folder {RUNS}",
                          "give the path of a RUN, or record one: `grasp run lift`")  # fmt: skip
-    folder = max(recordings)[1]
-    print_status(f"last run: {one_line(folder)}")
-    return folder
+    print_status(f"last run: {one_line(recordings[0])}")
+    return recordings[0]
 
 
 def _replay_tactile(args: argparse.Namespace) -> int:

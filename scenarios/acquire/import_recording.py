@@ -245,14 +245,16 @@ def _aligned_labels(
     label = next((name for name in names if name.lower() in LABEL_NAMES), names[-1])
     known_s = table.times(time, unit)[1]
     period_s = float(np.median(np.diff(known_s)))
+    at = np.searchsorted(known_s, t_s, side="right").clip(1) - 1
     inside = (t_s >= known_s[0]) & (t_s < known_s[-1] + period_s)
+    inside &= t_s < known_s[at] + 2.0 * period_s  # a label is not held over a hole
     if inside.sum() < 2:
         raise BadFile(
             path, f"labels from {known_s[0]:.12g} to {known_s[-1]:.12g} s do not overlap the "
             f"samples from {t_s[0]:.12g} to {t_s[-1]:.12g} s",
             "both need the same clock and the same unit",
         )  # fmt: skip
-    held = table.labels(label)[np.searchsorted(known_s, t_s, side="right").clip(1) - 1]
+    held = table.labels(label)[at]
     left_out = len(t_s) - int(inside.sum())
     return held, inside, (
         f"labels: {label} of {path.name}, {len(known_s)} at {1.0 / period_s:.4g} Hz, each held "
@@ -271,6 +273,10 @@ def _chosen(table: Table, text: str) -> list[str]:
             names += [table.find(str(i)) for i in range(int(numbers[1]), int(numbers[2]) + 1)]
         else:
             names.append(table.find(word))
+    twice = [name for name in names if names.count(name) > 1]
+    if twice or (text and not names):
+        problem = f"--columns {text}: " + (f"{twice[0]} twice" if twice else "no column")
+        raise BadFile(table.source, problem, "name each column once, ranges as 2-7")
     return names
 
 
@@ -286,7 +292,7 @@ def _fingers(source: str, names: list[str], taxels: int) -> int:
 
 def _is_number(cell: str) -> bool:
     with suppress(ValueError):
-        return bool(np.isfinite(float(cell)))
+        return "_" not in cell and bool(np.isfinite(float(cell)))
     return False
 
 

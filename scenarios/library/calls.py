@@ -41,6 +41,7 @@ from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.result import Failure, FinishedRun, ResultT
+from scenarios.world import COMPILING, is_compiled
 
 File = str | Path
 Settings = Mapping[str, Any]  # `section.key` to a value, as `--set` takes them
@@ -123,7 +124,7 @@ def replay(
         BadFile: for another kind of file, or settings that do not fit this version.
         UsageError: for settings with a run, or a run with user code that is not named.
     """
-    path = Path(recording)
+    path = _path("recording", recording)
     if path.suffix in TACTILE:
         return _replay_tactile(path, detector, settings)
     if settings:
@@ -167,7 +168,9 @@ def campaign(
     with tempfile.TemporaryDirectory(prefix="grasp-library-") as folder:
         if out is None:  # nothing but the rows is kept
             campaign_spec = msgspec.structs.replace(campaign_spec, recordings="none")
-        file = Path(folder) / "campaign.sqlite" if out is None else Path(out)
+        file = Path(folder) / "campaign.sqlite" if out is None else _path("out", out)
+        if not is_compiled():
+            _say(COMPILING)
         campaign_runner.run(campaign_spec, file, workers, resume)
         with CampaignStore.open(file) as store:
             rows = tuple(store.rows())
@@ -207,14 +210,11 @@ def _config(
     type."""
     words = {"object": name, "rig": rig, "detector": detector, "profile": profile}
     for key, word in words.items():
-        if not isinstance(word, str | Path | None):
-            raise UsageError(f"{key}: {word!r} is neither a name nor a path", "give a text")
+        if word is not None:
+            _path(key, word)
     _check_number("seed", seed)
-    if not isinstance(settings, Mapping | None):
-        raise UsageError(f"settings: {settings!r} is not a mapping",
-                         'use a dict, such as {"object.mass_kg": 0.3}')  # fmt: skip
-    given = [config] if isinstance(config, str | Path) else config or ()
-    files = [Path(file) for file in given]
+    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
+    files = [_path("config", file) for file in given if file is not None]
     chosen = load_config(name, rig, detector, files, _assignments(settings), profile)
     if chosen.rig == HARDWARE:
         raise UsageError(
@@ -223,13 +223,22 @@ def _config(
     return chosen
 
 
+def _path(name: str, value: object) -> Path:
+    if not isinstance(value, str | Path):
+        raise UsageError(f"{name}: {value!r} is neither a name nor a path", "give a text")
+    return Path(value)
+
+
 def _check_number(name: str, value: object) -> None:
-    if not isinstance(value, int) or value < 0:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise UsageError(f"{name}: {value!r} is not a whole number of 0 or more", "use 0, 1, 2 ...")
 
 
 def _assignments(settings: Settings | None) -> list[str]:
-    """Settings in the format of `--set`."""
+    """Settings in the format of `--set`. Raises UsageError for what is no mapping to values."""
+    if not isinstance(settings, Mapping | None):
+        raise UsageError(f"settings: {settings!r} is not a mapping",
+                         'use a dict, such as {"object.mass_kg": 0.3}')  # fmt: skip
     return [f"{key}={msgspec.json.encode(x).decode()}" for key, x in (settings or {}).items()]
 
 
@@ -238,7 +247,7 @@ def _say(text: str) -> None:
 
 
 def _folder(runs: File | None) -> Path:
-    return Path(tempfile.mkdtemp(prefix="grasp-library-")) if runs is None else Path(runs)
+    return Path(tempfile.mkdtemp(prefix="grasp-library-")) if runs is None else _path("runs", runs)
 
 
 def _read_result(finished: FinishedRun[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:

@@ -50,7 +50,7 @@ class _Start(msgspec.Struct):
 def last_start(rig: str, run: Path | None) -> tuple[Path, Vector3]:
     """A run's folder, or the last one on this rig, and the arm's position where it began, m. Raises
     UsageError where that is unknown."""
-    found = [RUNS / run if not (run / RESULT).exists() else run] if run else _newest()
+    found = [RUNS / run if not (run / RESULT).exists() else run] if run else newest(RESULT)
     for folder in found:
         with suppress(OSError, msgspec.MsgspecError):
             start = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
@@ -58,12 +58,13 @@ def last_start(rig: str, run: Path | None) -> tuple[Path, Vector3]:
                 return folder, start.home_m
     where = run or f"the folder {RUNS}"
     raise UsageError(f"{where}: no result of a run on rig {rig} with the arm's start",
-                     "move the arm with the teach pendant")  # fmt: skip
+                     "name a RUN, or move the arm with the teach pendant")  # fmt: skip
 
 
-def _newest() -> list[Path]:
-    results = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{RESULT}")]
-    return [folder for _, folder in sorted(results, reverse=True)]
+def newest(name: str) -> list[Path]:
+    """Folders of the default folder that hold a file of that name, the newest file first."""
+    found = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{name}")]
+    return [folder for _, folder in sorted(found, reverse=True)]
 
 
 def open_trial(path: Path) -> RunRecording:

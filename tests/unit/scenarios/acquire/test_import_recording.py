@@ -94,6 +94,14 @@ def test_labels_at_the_times_of_the_samples_are_theirs(tmp_path: Path) -> None:
     assert made.slip.tolist() == [bool(k % 2) for k in range(1000)]
 
 
+def test_labels_are_not_held_over_a_hole(tmp_path: Path) -> None:
+    path = table(tmp_path, [f"time,{CHANNELS}", *rows(100, lambda t: f"{t},{values(t)}", 300)])
+    labels = [row for k in range(60) if not 20 <= k < 40 for row in [f"{k / 20},1"]]
+    options = ImportOptions(rest_s=0.4, labels=table(tmp_path, ["time,slip", *labels], "t.csv"))
+    with pytest.raises(BadFile, match="a gap of"):
+        import_recording(path, options)
+
+
 def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
     path = table(tmp_path, [f"t,{CHANNELS}", *rows(50, lambda t: f"{t},{values(t)}", 100)])
     with pytest.raises(BadFile, match="20 ms apart, 50 Hz") as caught:
@@ -112,6 +120,9 @@ def test_unusable_tables_are_refused_with_a_remedy(tmp_path: Path) -> None:
     for lines, columns, problem in (
         (good, "c0,c1,c2", "3 channels"),
         (good, "c0,chan1", "has no column 'chan1'"),
+        (good, "7-2", "--columns 7-2: no column"),
+        (good, "c0,2-6", "--columns c0,2-6: c0 twice"),
+        ([*good[:9], "0.08,1_0,0,0,0,0,0"], "", "c0 is '1_0'"),
         (good, "", "a count is 430000, beyond"),
         ([*good[:50], *good[:50][1:]], "", "time does not increase: time is 0.0 after 0.48"),
         (good[:50] + good[90:], "", "a gap of 0.41 s before 0.890 s"),

@@ -100,9 +100,21 @@ def test_no_call_opens_a_real_device(call: Any, opened: list[str], tmp_path: Pat
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"seed": -1}, {"seed": "x"}, {"object": 3}, {"detector": 5}, {"settings": 5}, {"rig": "sim"}],
+    [
+        {"seed": -1},
+        {"seed": "x"},
+        {"seed": True},
+        {"object": 3},
+        {"detector": 5},
+        {"settings": 5},
+        {"rig": "sim"},
+        {"runs": 5},
+        {"config": 5},
+        {"config": [5]},
+    ],
 )
 def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) -> None:
     with pytest.raises(GraspError) as error:
         grasp.lift(**wrong)
-    assert str(next(iter(wrong.values()))) in error.value.message
+    assert str(next(iter(wrong.values()))).strip("[]") in error.value.message
+    assert error.value.__notes__ == [f"remedy: {error.value.remedy}"]
