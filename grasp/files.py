@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 from typing import Any, NamedTuple
 
-from drivers.errors import GraspError
+from drivers.errors import GraspError, OutputClosedError
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # modes, independent of the umask
 # errors of a path that cannot be a file, independent of disk and permissions
@@ -37,8 +37,11 @@ def is_stream(path: Path) -> bool:
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     """Replace a file's content completely or not at all; append to a stream. Raises OSError."""
     if is_stream(path):
-        with path.open("ab") as stream:
-            stream.write(content)
+        try:
+            with path.open("ab") as stream:
+                stream.write(content)
+        except BrokenPipeError as error:
+            raise OutputClosedError(*error.args) from None
         return
     partial = path.with_name(partial_name(path.name, str(os.getpid())))
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import GraspError, Refused
+from drivers.errors import GraspError, OutputClosedError, Refused
 from grasp.files import Holder, locked, make_private_folder, use_writable_cache, write_whole
 
 
@@ -22,6 +22,14 @@ def test_writing_replaces_a_file_and_leaves_no_partial_file(
         os.umask(before)
     assert (tmp_path / "new.json").stat().st_mode & 0o777 == mode
     assert [path.name for path in tmp_path.iterdir()] == ["new.json"]
+
+
+def test_a_pipe_without_a_reader_is_a_closed_output(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with pytest.raises(OutputClosedError):
+        write_whole(Path(f"/dev/fd/{writer}"), b"x" * 10**6)
+    os.close(writer)
 
 
 def test_missing_parent_folders_are_made_private(tmp_path: Path) -> None:
