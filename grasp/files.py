@@ -27,6 +27,7 @@ PATH_ERRORS = frozenset({
 DESCRIPTORS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # folders of open descriptors
 CACHE_VARIABLES = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
 MOST_HOLDER_BYTES = 65_536
+PROBE_BYTES = 65_536  # about one second of a recording; a full disk accepts empty files
 
 
 def is_stream(path: Path) -> bool:
@@ -107,14 +108,15 @@ def nearest_folder(folder: Path) -> Path:
 
 
 def why_not_writable(folder: Path) -> str:
-    """Why no file can be created in a folder; empty if one can."""
+    """Why no file can be written in a folder; empty if one can."""
     try:
         if not folder.exists():
             return f"there is no folder {folder}"
         if not folder.is_dir():
             return f"{folder} is no folder"
-        with TemporaryFile(dir=folder):  # modes are not enough: mounts and users matter too
-            return ""
+        with TemporaryFile(dir=folder) as file:  # modes are not enough: mounts and users matter too
+            file.write(bytes(PROBE_BYTES))
+        return ""
     except OSError as error:
         return write_error(error, folder)
 

@@ -14,7 +14,7 @@ from drivers.interfaces import Vector3
 from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
-from grasp.files import PATH_ERRORS, make_private_folder, write_whole
+from grasp.files import PATH_ERRORS, PROBE_BYTES, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
@@ -28,7 +28,6 @@ from scenarios.world.truth import Truth
 RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
-PROBE_BYTES = 65_536  # about one second of a recording
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
