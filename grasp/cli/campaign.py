@@ -115,8 +115,8 @@ def print_summary(summary: Summary) -> None:
     for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
         table = Table(
             Column("variant", overflow="fold"), "object", "paper, n = 20", "this",
-            "registered after onset, ms", "moved, mm" if scenario == "tap" else "slip, mm", title=TITLES[scenario],
-            caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
+            "registered after onset, ms", "moved, mm" if scenario == "tap" else "slip, mm",
+            title=TITLES[scenario], caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
         )  # fmt: skip
         for variant in (v for v in summary.variants if v.scenario == scenario):
             swept = [f"{key} = {value}" for key, value in json.loads(variant.swept).items()]

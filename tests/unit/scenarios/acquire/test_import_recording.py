@@ -43,7 +43,7 @@ def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
     assert made.counts[[0, -1], 0].tolist() == [[0] * 6, [-60, -70, -80, -90, -100, -110]]
     assert changes[0] == "time: stamp, in ms, 1700000000 s subtracted"
     assert made.metadata is not None and made.metadata.cause == "imported"
-    for unit in ("s", "ns"):
+    for unit in ("s", "us", "ns"):
         with pytest.raises(BadFile, match="timestamps look like milliseconds") as error:
             import_recording(path, ImportOptions(columns="data", unit=unit))
         assert error.value.remedy == "give --unit ms", unit
