@@ -243,9 +243,7 @@ def _fingertips(hands: str, seed: int, number: int) -> dict[str, float]:
     return random_parameters(ranges, seed)
 
 
-def _body(
-    config: LiftConfig, shape: str, load: Range, rng: np.random.Generator
-) -> GraspObject:
+def _body(config: LiftConfig, shape: str, load: Range, rng: np.random.Generator) -> GraspObject:
     full_n = sum(config.guard.full_grip_n)
     hand = config.contact
     return random_object(shape_ranges(shape), load, hand, config.hand.m_per_count, full_n, rng)
