@@ -53,8 +53,13 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return reduced(config, self.recordings[name])
 
     def jobs(self, name: str, split: SplitName, layout: str = "") -> list[Job]:
-        """Recordings of that set, whatever split of the packaged set they belong to."""
-        return plan(self.dataset(name, split, layout))
+        """Recordings of that set, whatever split of the packaged set they belong to. They do not
+        name the program's commit: the protocol's version stands for what they contain."""
+        replace = msgspec.structs.replace
+        return [
+            replace(job, metadata=replace(job.metadata, commit=""))
+            for job in plan(self.dataset(name, split, layout))
+        ]
 
     def lift_seeds(self, split: SplitName) -> range:
         first = self.splits[split].first
