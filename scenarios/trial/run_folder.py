@@ -50,7 +50,7 @@ def last_start(arm: str, run: Path | None) -> tuple[Path, Vector3]:
     """A run's folder, or the last one, and the position where the arm at this address began it, m.
     Raises UsageError where that is unknown, or the run was of another arm."""
     found = [RUNS / run if not (run / RESULT).exists() else run] if run else newest(RESULT)
-    problem, start = f"{run or RUNS}: no result of a run", _Start()
+    problem = f"{run or RUNS}: no result of a run"
     with suppress(OSError, msgspec.MsgspecError):
         for folder in found[:1]:
             start = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
