@@ -247,7 +247,7 @@ def _add_benchmark(root: Parser) -> None:
     parser.option("--recording FILE", "labelled real recordings to score as well", Path, nargs="+")
     parser.option("--layout NAME", "of the fingertips' taxels, in config/layouts", default="")
     parser.option("--out DIR", "folder of recordings and results (default: %(default)s)",
-        Path, default=Path("benchmark"))  # fmt: skip
+        folder_to_fill, default=Path("benchmark"))  # fmt: skip
     share(parser, "config set jobs cluster json")
 
 
