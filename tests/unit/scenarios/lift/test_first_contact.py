@@ -47,18 +47,33 @@ def test_no_finger_exceeds_the_limit_on_an_object_of_unexpected_width(name: str)
         assert "no contact" in missed.phases[-1].cause
 
 
+def wide_box(counts: str) -> LiftResult:
+    """Lift of a box 140 mm wide, nearly as wide as the open hand."""
+    settings = ("object.half_width_m=0.07", f"object.grip_counts={counts}")
+    result = lift.run(by_default(*settings, object_name="box"), 910007, None).result
+    assert result is not None
+    assert result.peak_force_n is not None
+    assert max(result.peak_force_n.values()) <= BOUND_N
+    assert "finger C bears nothing" in [p.cause for p in result.phases]
+    return result
+
+
 @pytest.mark.parametrize("counts", ["[10,10,10]", "[11,11,9]"])
 def test_box_that_two_fingers_grip_is_held_by_three(counts: str) -> None:
     """Finger C first bears nothing; the box would slide by more than 10 cm and go unnoticed."""
-    wide = by_default("object.half_width_m=0.07", f"object.grip_counts={counts}", object_name="box")
-    result = lift.run(wide, 910007, None).result
-    assert result is not None
+    result = wide_box(counts)
     assert result.outcome == "held_within_6cm"
     assert result.slip_distance_m is not None
     assert result.slip_distance_m < 0.01
-    assert "finger C bears nothing" in [p.cause for p in result.phases]
-    assert result.peak_force_n is not None
-    assert max(result.peak_force_n.values()) <= BOUND_N
+
+
+def test_box_that_two_fingers_grip_is_not_lifted_if_the_third_is_far_away() -> None:
+    result = wide_box("[11,11,5]")
+    assert [p.phase for p in result.phases][-2:] == ["grasp.settle", "fault"]
+    assert "finger C bears nothing: its fingertip shows 0.0" in result.phases[-1].cause
+    assert result.end is not None
+    assert not result.end.open  # although the counts are those of an open hand
+    assert result.end.hand.startswith("the hand is closed with its previous grip, at (11, 11, 10)")
 
 
 @pytest.mark.parametrize(("mode", "end"), [("stop", "fault"), ("report", "done.set_down")])
