@@ -37,8 +37,16 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
         int,
-        Meta(ge=1, le=100, description="samples in a row below threshold that end a slip event"),
+        Meta(ge=1, le=100, description="samples in a row at or below quiet that end a slip event"),
     ] = 3  # assumed
+    quiet: Annotated[
+        float, Meta(ge=0.0, lt=1.0, description="probability for release; 0: the threshold")
+    ] = 0.0  # lower than the threshold, so that an event lasts as long as the slip
+
+    @property
+    def quiet_at(self) -> float:
+        """Probability at or below which a sample is quiet."""
+        return min(self.quiet, self.threshold) if self.quiet else self.threshold
 
     @property
     def unused(self) -> frozenset[str]:
@@ -51,8 +59,8 @@ class DecisionRule:
 
     ``consecutive``: an event starts after so many samples in a row above the threshold. ``cusum``:
     it starts when the sum of log-odds minus drift, never below zero, exceeds the limit (Page's
-    test). It ends after ``release`` samples in a row at or below the threshold on all fingers;
-    sums then restart.
+    test). It ends after ``release`` samples in a row at or below ``quiet`` on all fingers; sums
+    then restart.
 
     With fusion ``mean`` the rule uses the mean log-odds of all fingers, and the event is assigned
     to the finger with the highest probability.
@@ -60,7 +68,7 @@ class DecisionRule:
 
     def __init__(self, settings: RuleSettings, fingers: int) -> None:
         self.settings = settings
-        self.threshold = settings.threshold
+        self.threshold, self._quiet_at = settings.threshold, settings.quiet_at
         self._mean = settings.fusion == "mean"
         self._deciding = 1 if self._mean else fingers
         self.reset()
@@ -80,7 +88,7 @@ class DecisionRule:
         """Take a probability of each finger; return whether each finger registers slip now."""
         p = [_mean_probability(probabilities)] if self._mean else probabilities
         above = [each > self.threshold for each in p]
-        self._quiet = 0 if any(above) else self._quiet + 1
+        self._quiet = 0 if any(each > self._quiet_at for each in p) else self._quiet + 1
         registering = self._sum(p) if self.settings.kind == "cusum" else self._count(above)
         if any(registering):
             self.registered = True
@@ -157,7 +165,7 @@ def fused(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray
 def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.intp]:
     """`registered_events` for the result of `fused`."""
     above = np.greater(probabilities, settings.threshold)
-    quiet = _quiet(above, settings.release)
+    quiet = _quiet(np.greater(probabilities, settings.quiet_at), settings.release)
     if settings.kind == "cusum":
         registering = _any(cusum(probabilities, settings) > settings.limit)
     else:
@@ -169,7 +177,7 @@ def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDA
 
 def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
     """Sums (n, fingers) of the rule `cusum`, independent of its limit."""
-    quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
+    quiet = _quiet(np.greater(probabilities, settings.quiet_at), settings.release)
     evidence = log_odds(probabilities) - settings.drift
     sums = np.zeros_like(evidence)
     edges = np.flatnonzero(np.diff(quiet, prepend=True, append=True))

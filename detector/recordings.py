@@ -24,11 +24,13 @@ MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
 MOST_BYTES = 200_000_000  # of the arrays of a file: hours
 SUFFIX = ".npz"
+INDEX = "dataset.json"  # of a data set
+SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
 RATE_SAMPLES = 20  # fewer do not determine a rate
-MIN_PERIOD_S = 1e-5  # no fingertip is sampled faster
+MIN_PERIOD_S = 1e-4  # no fingertip is sampled faster
 UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # of times, per second
 UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 IMPORT = "`grasp dataset import`"
@@ -64,7 +66,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     spin_radps: float  # commanded; 0 for a translation
     direction: str  # degrees in the fingertip's plane, "0" to "315", or "cw", "ccw"; empty: none
     seed: int
-    cause: str = ""  # of the set `disturbances`: what changes the signal
+    cause: str = ""  # of the set `disturbances`: what changes the signal; or `imported`
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # the user's files that it was made with, with their digests
     part: str = ""  # of a data set with several parts
@@ -324,17 +326,20 @@ def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64
     return np.array([float(word) for word in words.values()])
 
 
-def check_unit(t_s: NDArray[np.float64], source: str) -> None:
-    """Raise BadFile if the median interval shows that times (n,) are not in seconds."""
+def check_unit(
+    t_s: NDArray[np.float64], source: str, how: str = f"convert them to seconds, or {IMPORT}"
+) -> None:
+    """Raise BadFile if the median interval shows that times (n,) are not in seconds; ``how``: the
+    remedy before the option --unit."""
     period = float(np.median(np.diff(t_s)))
     if 0.0 < period < MIN_PERIOD_S:
-        remedy = f"give times in seconds, or {IMPORT} with another --unit"
-        raise BadFile(source, f"its samples are {period:g} s apart", remedy)
+        problem = f"its samples are {period:g} s apart"
+        raise BadFile(source, problem, f"{how} --unit s, ms, us or ns, whichever they are in")
     if period >= 1.0:  # of a rate of 2 to 1000 Hz
         unit = "ms" if period < 500.0 else "us" if period < 500e3 else "ns"
         raise BadFile(
             source, f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}",
-            f"convert them to seconds, or {IMPORT} --unit {unit}",
+            f"{how} --unit {unit}",
         )  # fmt: skip
 
 

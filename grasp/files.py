@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 from typing import Any, NamedTuple
 
-from drivers.errors import GraspError
+from drivers.errors import GraspError, OutputClosedError
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # modes, independent of the umask
 # errors of a path that cannot be a file, independent of disk and permissions
@@ -27,6 +27,7 @@ PATH_ERRORS = frozenset({
 DESCRIPTORS = (Path("/dev"), Path("/dev/fd"), Path("/proc/self/fd"))  # folders of open descriptors
 CACHE_VARIABLES = ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MPLCONFIGDIR")
 MOST_HOLDER_BYTES = 65_536
+PROBE_BYTES = 65_536  # about one second of a recording; a full disk accepts empty files
 
 
 def is_stream(path: Path) -> bool:
@@ -37,8 +38,11 @@ def is_stream(path: Path) -> bool:
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     """Replace a file's content completely or not at all; append to a stream. Raises OSError."""
     if is_stream(path):
-        with path.open("ab") as stream:
-            stream.write(content)
+        try:
+            with path.open("ab") as stream:
+                stream.write(content)
+        except BrokenPipeError as error:
+            raise OutputClosedError(*error.args) from None
         return
     partial = path.with_name(partial_name(path.name, str(os.getpid())))
     try:
@@ -104,14 +108,15 @@ def nearest_folder(folder: Path) -> Path:
 
 
 def why_not_writable(folder: Path) -> str:
-    """Why no file can be created in a folder; empty if one can."""
+    """Why no file can be written in a folder; empty if one can."""
     try:
         if not folder.exists():
             return f"there is no folder {folder}"
         if not folder.is_dir():
             return f"{folder} is no folder"
-        with TemporaryFile(dir=folder):  # modes are not enough: mounts and users matter too
-            return ""
+        with TemporaryFile(dir=folder) as file:  # modes are not enough: mounts and users matter too
+            file.write(bytes(PROBE_BYTES))
+        return ""
     except OSError as error:
         return write_error(error, folder)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.interface import SlipDetector
-from detector.recordings import COUNTS_LIMIT, Recording
+from detector.recordings import COUNTS_LIMIT, INDEX, Recording
 from detector.scores.evaluation import (
     SLIDE,
     WARM_UP_SAMPLES,
@@ -32,7 +32,7 @@ from drivers.errors import BadFile
 from drivers.interfaces import PERIOD_S
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
-from scenarios.acquire.datasets.build import INDEX, make
+from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, plan
 from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config

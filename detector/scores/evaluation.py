@@ -92,6 +92,9 @@ def stream(
     """Reset the detector and stream frames (n, fingers, taxels): probabilities (n, fingers), and
     the time of each update (n,), microseconds, empty without a clock."""
     detector.reset()
+    if clock_ns and len(counts):
+        detector.update(counts[0])  # loads compiled code before the first timed update
+        detector.reset()
     probabilities, spent_us = [], []
     for frame in counts:
         before = clock_ns() if clock_ns else 0

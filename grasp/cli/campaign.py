@@ -1,6 +1,7 @@
 """`grasp campaign`: run a grid of trials in parallel; summary as in the paper's Table IV."""
 
 import argparse
+import json
 import math
 import sys
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from typing import Any
 
 import msgspec
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from detector.scores.quantiles import Quantiles
 from drivers.errors import UsageError, one_line
@@ -113,13 +114,13 @@ def print_summary(summary: Summary) -> None:
     console = Console(width=width, highlight=False)
     for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
         table = Table(
-            "variant", "object", "paper, n = 20", "this", "registered after onset, ms",
-            "moved, mm" if scenario == "tap" else "slip, mm", title=TITLES[scenario],
-            caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
+            Column("variant", overflow="fold"), "object", "paper, n = 20", "this",
+            "registered after onset, ms", "moved, mm" if scenario == "tap" else "slip, mm",
+            title=TITLES[scenario], caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
         )  # fmt: skip
         for variant in (v for v in summary.variants if v.scenario == scenario):
-            swept = "" if variant.swept == "{}" else f"\n{variant.swept}"
-            heading = f"{variant.profile}, {variant.detector}{swept}"
+            swept = [f"{key} = {value}" for key, value in json.loads(variant.swept).items()]
+            heading = "\n".join([f"{variant.profile}, {variant.detector}", *swept])
             for i, cell in enumerate(variant.cells):
                 table.add_row(
                     "" if i else heading, cell.object, _paper(scenario, cell.object), _shown(cell),

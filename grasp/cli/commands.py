@@ -52,6 +52,7 @@ def build_parser() -> Parser:
     _add_campaign(root.command("campaign", "run a grid of trials in parallel", section=MEASURE))
     _add_dataset(root.command("dataset", "data sets of labelled recordings", section=MEASURE))
     _add_detector(root.command("detector", "score, tune, train slip detectors", section=MEASURE))
+    _add_benchmark(root)
     _add_devices(root)
     config = root.command("config", "show the resolved settings, or check your files", ". "
         "Prints every setting with its value, its allowed range and its source. A FILE may be an "
@@ -232,6 +233,22 @@ def _add_detector(group: Parser) -> None:
     train.flag("--windows", "tcn-paper: train on the last sample of windows, as its authors did")
     train.option("--label", "label to train on, as for `evaluate` (default: slip)", choices=LABELS)
     share(train, "json")
+
+
+def _add_benchmark(root: Parser) -> None:
+    parser = root.command("benchmark", "score detectors with one fixed protocol", ": recordings, "
+        "lifts in which false alarms have a price, taps, cost. About five minutes a detector.", (
+        "grasp benchmark", "grasp benchmark tcn mine.onnx mine.py:Vibration --split validation"),
+        section=MEASURE)  # fmt: skip
+    parser.option("detector NAME", "of config/detectors, or your files (default: all packaged "
+        "ones)", nargs="*")  # fmt: skip
+    parser.option("--split", "tune and train on validation; test is for the last figure",
+        choices=("validation", "test"), default="test")  # fmt: skip
+    parser.option("--recording FILE", "labelled real recordings to score as well", Path, nargs="+")
+    parser.option("--layout NAME", "of the fingertips' taxels, in config/layouts", default="")
+    parser.option("--out DIR", "folder of recordings and results (default: %(default)s)",
+        folder_to_fill, default=Path("benchmark"))  # fmt: skip
+    share(parser, "config set jobs cluster json")
 
 
 def _add_devices(root: Parser) -> None:

@@ -37,7 +37,7 @@ OF_SCORES = {
     "delay_mm": "distance slid until the event",
     "release_delay_ms": "end of the slip to the end of its event",
     "false_events_per_min": "false alarms per minute of the recordings",
-    "false_events_per_min_by_cause": "likewise; slide: recordings of the paper's kind",
+    "false_events_per_min_by_cause": "likewise; slide: strokes as in the paper",
     "false_events_per_min_hand": "scaled to a hand of three fingers",
     "threshold": "of single samples (accuracy, confusion); events follow the rule above",
 }

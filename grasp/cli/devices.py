@@ -215,7 +215,7 @@ def arm_back(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     if config.devices.arm:
         raise UsageError("an arm of another package has no position here", "use `grasp arm step`")
-    run, start_m = last_start(config.rig, args.run)
+    run, start_m = last_start(arm_address(config), args.run)
 
     def plan() -> str:
         up_m = arm.way_back(config, start_m)[2]

@@ -111,7 +111,7 @@ def warn_of_height(config: Any) -> None:
     from scenarios.trial.run_folder import last_start
 
     with suppress(GraspError):  # no such run, or the arm was moved elsewhere since
-        run, start_m = last_start(config.rig, None)
+        run, start_m = last_start(arm_address(config), None)
         up_m = -way_back(config, start_m)[2]
         if abs(up_m) > SAME_HEIGHT_M:
             where = "above" if up_m > 0.0 else "below"

@@ -97,14 +97,16 @@ def _failed(error: BaseException, as_json: bool) -> int:
 
 
 def _checked(word: str) -> str:
-    """The word, with the home folder for `~/`, which no shell replaces in `--runs=~/runs`. Raises
-    UsageError for text that is not valid in file names or messages."""
+    """The word, with the home folder for `~` and `~user`, which no shell replaces in
+    `--runs=~/runs`. Raises UsageError for text that is not valid in file names or messages."""
     if "\0" in word or word.encode(errors="replace").decode() != word:
         raise UsageError(f"{word}: not UTF-8 text without NUL", "use other characters")
     option, equals, value = word.rpartition("=")
-    if value.startswith("~/") and os.path.expanduser(value) == value:
+    user, slash, _ = value.partition("/")
+    path = os.path.expanduser(value)
+    if path == value and (user == "~" or (user.startswith("~") and slash)):
         raise UsageError(f"{word}: the home folder is not known", "set HOME, or omit `~`")
-    return f"{option}{equals}{os.path.expanduser(value)}" if value.startswith("~/") else word
+    return f"{option}{equals}{path}"
 
 
 def _system_error(error: OSError) -> tuple[str, str, str]:

@@ -19,8 +19,6 @@ from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
-from scenarios.acquire.datasets import build
-from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
@@ -33,6 +31,9 @@ SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
 def dataset_build(args: argparse.Namespace) -> int:
+    from scenarios.acquire.datasets import build
+    from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
+
     config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
     if args.seed is not None:
         config = msgspec.structs.replace(config, seed=args.seed)
@@ -63,6 +64,8 @@ def dataset_build(args: argparse.Namespace) -> int:
 
 
 def dataset_collect(args: argparse.Namespace) -> int:
+    from scenarios.acquire.datasets import build
+
     for source in args.source:
         require_labelled(source)
     made = build.collect(args.source, args.out)

@@ -145,7 +145,7 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     changes: list[str] = []
     if options.rate_hz is None:
         time, t_s = table.times(options.time_column, options.unit)
-        check_unit(t_s, table.source)
+        _check_unit(t_s, options.unit, table.source)
         start_s = float(t_s[0])
         changes.append(f"time: {time}, in {options.unit}, {start_s:.12g} s subtracted")
         times_s, t_s = t_s, t_s - start_s
@@ -192,12 +192,21 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     files = [path, *([options.labels] if options.labels else [])]
     metadata = Metadata(
         set="slide", split="test", surface="own", motion="none", speed_mps=0.0, spin_radps=0.0,
-        direction="", seed=0, changes=tuple(changes),
+        direction="", seed=0, cause="imported", changes=tuple(changes),
         files={f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files},
     )  # fmt: skip
     known = np.zeros(len(t_s), np.bool_) if slip is None else slip
     made = Recording(t_s, counts, known, None, str(path), metadata, labelled=slip is not None)
     return made, changes
+
+
+def _check_unit(t_s: Floats, unit: str, source: str) -> None:
+    """Raise BadFile, with the file's unit, where the given one is wrong."""
+    try:
+        check_unit(t_s, source, "give")
+    except BadFile:
+        check_unit(t_s * UNITS.get(unit, 1.0), source, "give")
+        raise
 
 
 def _at_100_hz(

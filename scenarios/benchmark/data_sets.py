@@ -9,9 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from detector.recordings import SUFFIX, Recording, Split, read, read_dataset
+from detector.recordings import INDEX, SAMPLES, SUFFIX, Recording, Split, read, read_dataset
 from drivers.errors import BadFile, UsageError
-from scenarios.acquire.datasets.build import INDEX, SAMPLES
 
 RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 CONTINUE = "`grasp dataset build` continues it"

@@ -1,12 +1,13 @@
 """Runs one trial of a campaign in a worker process and returns its row."""
 
+import fcntl
 import os
-import re
 import shutil
 import tempfile
 import time
 import traceback
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +20,7 @@ from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
 AnyRun = FinishedRun[Any]
-FOLDER = "grasp-campaign-{pid}-"  # of a trial that is being recorded
+FOLDER = ".grasp-trial-being-recorded-"  # beginning of a temporary folder's name
 # columns that only one experiment has
 EXPERIMENT_COLUMNS = (
     "reaction_latency_ms", "slip_distance_m", "turned_rad", "alarm_stayed", "moved", "direction",
@@ -120,22 +121,30 @@ def _run(trial: Task) -> Finished:
         if trial.recordings == "none" or not result.failed:
             return Finished(judged_row(trial, result, failure))
     # a failed trial is repeated, with the same result, because most trials need no recording
-    with tempfile.TemporaryDirectory(prefix=FOLDER.format(pid=os.getpid())) as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER) as folder, _locked(folder):
         result, failure = run_once(trial, Path(folder))
         if result.recording is None:
             raise OSError("nothing was recorded" if failure is None else failure.message)
         return Finished(judged_row(trial, result, failure), Path(result.recording).read_bytes())
 
 
+@contextmanager
+def _locked(folder: Path | str) -> Iterator[None]:
+    """Lock a folder, also for processes of other containers, until its process ends. Raises
+    OSError."""
+    file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(file)
+
+
 def remove_left_folders() -> None:
-    """Remove the folders of trials whose process was killed."""
-    made = re.compile(FOLDER.format(pid=r"(\d+)") + r"[a-z0-9_]{8}")  # names as of tempfile
-    for folder in Path(tempfile.gettempdir()).glob(FOLDER.format(pid="*") + "*"):
-        if (name := made.fullmatch(folder.name)) is None:
-            continue
-        with suppress(OSError):
-            ours = folder.lstat().st_uid == os.getuid()
-            if ours and not Path("/proc", name[1]).exists():
+    """Remove the folders of trials whose process was killed: nobody holds their lock."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER}*"):
+        with suppress(OSError), _locked(folder):
+            if folder.lstat().st_uid == os.getuid():
                 shutil.rmtree(folder)
 
 

@@ -12,7 +12,7 @@ import msgspec
 from detector.interface import SlipDetector
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import evaluate_recording
-from drivers.errors import UsageError
+from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import FINGERS
 from grasp.clock import stopwatch_ns
 from grasp.fault import INTERRUPTED
@@ -136,7 +136,7 @@ def replay(
 
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
-    config = load_config("can", "simulated", detector, None, _assignments(settings))
+    config = _load("can", "simulated", detector, None, _assignments(settings))
     recording = read(path, labelled=False)
     replayed = replay_tactile(config, recording)
     sheet = None
@@ -193,7 +193,7 @@ def detector(
         BadFile: for a network whose file is damaged.
         UsageError: for a number of taxels that it does not support.
     """
-    config = load_config("can", "simulated", name, None, _assignments(settings))
+    config = _load("can", "simulated", name, None, _assignments(settings))
     return config.make_detector(fingers, taxels)
 
 
@@ -215,12 +215,21 @@ def _config(
     _check_number("seed", seed)
     given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
     files = [_path("config", file) for file in given if file is not None]
-    chosen = load_config(name, rig, detector, files, _assignments(settings), profile)
+    chosen = _load(name, rig, detector, files, _assignments(settings), profile)
     if chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"
         )
     return chosen
+
+
+def _load(*named: Any) -> RunConfig:
+    """As ``load_config``; an error names the argument `settings`, not the option."""
+    try:
+        return load_config(*named)
+    except ConfigError as error:
+        file, *rest = error.args
+        raise ConfigError("settings" if file == "--set" else file, *rest) from None
 
 
 def _path(name: str, value: object) -> Path:

@@ -77,14 +77,16 @@ def ask_devices(
 ) -> list[Check]:
     """Checks of everything that a run on the rig needs; ``would_run`` raises where a run would be
     refused before it opens a device."""
-    checks = [checked("cell", partial(_cell, config))]
-    if isinstance(config, GraspRigConfig):
-        known = checked("calibration", partial(_calibration, config))
-        guard = [] if known.status == "fail" else [
-            checked("force guard", partial(_guard, config, would_run))
-        ]  # fmt: skip
-        checks = [known, *guard, *checks, checked("gripper", partial(_gripper, config))]
-    return [*checks, *arm_checks(config), checked("fingertips", partial(_board, config))]
+    cell, arm = checked("cell", partial(_cell, config)), arm_checks(config)
+    board = checked("fingertips", partial(_board, config))
+    if not isinstance(config, GraspRigConfig):
+        return [cell, *arm, board]
+    gripper = checked("gripper", partial(_gripper, config))
+    known = checked("calibration", partial(_calibration, config))  # needs the devices
+    guard = [] if known.status == "fail" else [
+        checked("force guard", partial(_guard, config, would_run))
+    ]  # fmt: skip
+    return [cell, gripper, *arm, board, known, *guard]
 
 
 def _calibration(config: GraspRigConfig) -> Finding:

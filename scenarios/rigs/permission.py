@@ -76,10 +76,11 @@ def check_devices(config: AnyRigConfig) -> None:
         return
     config.devices.check_installed()
     if isinstance(config, GraspRigConfig):
-        calibration(config)
         gripper_address(config)
     arm_address(config)
     board_address(config)
+    if isinstance(config, GraspRigConfig):
+        calibration(config)
 
 
 def gripper_address(config: GraspRigConfig) -> str:

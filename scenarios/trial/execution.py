@@ -25,6 +25,8 @@ from grasp.slip_monitor import SlipMonitor
 from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.calibration import calibration
+from scenarios.rigs.config import HARDWARE
+from scenarios.rigs.permission import arm_address
 from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.feasibility import check_arm, check_grip, check_override, check_waits
@@ -251,6 +253,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "reported": self.trace.reported,
             "bug": self.bug,
             "hidden": dict(self.loop.hidden),
+            "arm": arm_address(config) if config.rig == HARDWARE else None,
             "home_m": self.home,
             "physics": config.physics(seed),
         }

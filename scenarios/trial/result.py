@@ -116,6 +116,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     reported: tuple[Fault, ...] = ()  # would have ended it with `monitors.mode` = stop
     bug: Bug | None = None  # an internal error that ended it
     hidden: dict[str, int] = {}  # exceptions that were ignored so that it could go on: number
+    arm: str | None = None  # address of the real arm; None without one
     home_m: Vector3 | None = None  # arm position at the grasp; None: it ended before
     physics: ContactLevels | None = None  # None on hardware
     taxels_at_rail: dict[str, int] = {}  # most saturated at once, by finger; normal in a firm grip

@@ -14,7 +14,7 @@ from drivers.interfaces import Vector3
 from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
-from grasp.files import PATH_ERRORS, make_private_folder, write_whole
+from grasp.files import PATH_ERRORS, PROBE_BYTES, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
@@ -28,7 +28,6 @@ from scenarios.world.truth import Truth
 RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
-PROBE_BYTES = 65_536  # about one second of a recording
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
@@ -43,22 +42,25 @@ def find_recording(path: Path) -> Path:
 class _Start(msgspec.Struct):
     """What ``last_start`` reads of a result."""
 
-    rig: str
+    arm: str | None = None
     home_m: Vector3 | None = None
 
 
-def last_start(rig: str, run: Path | None) -> tuple[Path, Vector3]:
-    """A run's folder, or the last one on this rig, and the arm's position where it began, m. Raises
-    UsageError where that is unknown."""
+def last_start(arm: str, run: Path | None) -> tuple[Path, Vector3]:
+    """A run's folder, or the last one, and the position where the arm at this address began it, m.
+    Raises UsageError where that is unknown, or the run was of another arm."""
     found = [RUNS / run if not (run / RESULT).exists() else run] if run else newest(RESULT)
-    for folder in found:
-        with suppress(OSError, msgspec.MsgspecError):
+    problem = f"{run or RUNS}: no result of a run"
+    with suppress(OSError, msgspec.MsgspecError):
+        for folder in found[:1]:
             start = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
-            if start.rig == rig and start.home_m is not None:
+            problem = f"the run {folder} ended before the arm's start was known"
+            if start.arm == arm and start.home_m is not None:
                 return folder, start.home_m
-    where = run or f"the folder {RUNS}"
-    raise UsageError(f"{where}: no result of a run on rig {rig} with the arm's start",
-                     "name a RUN, or move the arm with the teach pendant")  # fmt: skip
+            if start.arm != arm:
+                problem = f"the run {folder} was of {start.arm or 'no real arm'}, not of {arm}"
+    remedy = "name a RUN of this arm, or move the arm with the teach pendant"
+    raise UsageError(problem, remedy)
 
 
 def newest(name: str) -> list[Path]:

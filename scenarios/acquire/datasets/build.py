@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import SUFFIX, Metadata, Recording, Split, read, write
+from detector.recordings import INDEX, SAMPLES, SUFFIX, Metadata, Recording, Split, read, write
 from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
@@ -27,14 +27,12 @@ from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
-INDEX = "dataset.json"
 OVERSAMPLING = (1.1, 1.3, 1.6, 2.0, 3.0)  # recorded samples over needed ones, try after try
 EXTRA_SAMPLES = 250
 SPLIT_CYCLE: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
 MIN_RECORDINGS = 3  # one a split, the first of SPLIT_CYCLE
 OWN: Final = "own"  # surface of a file without metadata
 NO_MOTION: Final = "none"
-SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition
 
 Progress = Callable[[int, int], None]
 
@@ -224,7 +222,7 @@ def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[
 def _kind(recording: Recording) -> str:
     """Cause or motion, and surface, as far as the metadata has them."""
     known = recording.metadata
-    if known is None or (known.surface, known.motion, known.cause) == (OWN, NO_MOTION, ""):
+    if known is None or (known.surface, known.motion) == (OWN, NO_MOTION):
         return "no known motion"
     return f"{known.cause or known.motion} on {known.surface}"
 

@@ -40,7 +40,6 @@ OFFSET_DEVIATION_M = 0.005  # standard deviation of the point of impact
 SHOVES_M, SHOVES_S = (0.001, 0.012), (0.06, 0.2)
 TOUCH_SHARE, TOUCHES_S = (0.1, 0.9), (0.08, 1.0)  # peak over the friction reserve
 PULL_SHARE, RAMPS_S, PULLS_S = (0.2, 0.97), (0.02, 0.5), (0.1, 0.6)
-DRAGS_MPS, DRAGS_M = (0.004, 0.06), (0.0015, 0.015)  # speeds log-uniform
 SHAKE_SHARE, SHAKES_HZ, SHAKES_S = (0.1, 0.6), (2.0, 9.0), (0.5, 2.0)
 # and for all impacts of a recording
 DURATIONS_S, FOLLOWS, FOLLOWS_S = (0.004, 0.015), (0.0, 0.2), (0.02, 0.06)
@@ -69,6 +68,13 @@ class DisturbanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     )
     firm: bool = False  # True: full grip; False: first grip
     turning: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # share of recordings with rotation
+    drag_mps: tuple[float, float] = (0.004, 0.06)  # log-uniform
+    drag_m: tuple[float, float] = (0.0015, 0.015)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("drag_mps", self.drag_mps), ("drag_m", self.drag_m)):
+            if not 0.0 < low <= high:
+                raise ValueError(f"{name}: {low:g} to {high:g} is not a range above 0")
 
 
 class TimedDisturbance(msgspec.Struct, frozen=True):
@@ -188,7 +194,9 @@ class Performer:
 
     def _dragging(self, from_m: float) -> ForceProfile:
         """Drag by a hand that moves down at constant speed, over a random distance."""
-        speed_mps, distance_m = self._between_logarithms(DRAGS_MPS), self._between(DRAGS_M)
+        settings = self._settings
+        speed_mps = self._between_logarithms(settings.drag_mps)
+        distance_m = self._between(settings.drag_m)
         max_n, max_s = 2.0 * self._trials.down_reserve_n, 2.0 * distance_m / speed_mps + 1.0
 
         def profile(since_s: float, now: Truth) -> float | None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Split
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, is_path, item_layer, load, named_layer, read_toml
+from grasp.settings import Layer, file_of, is_path, item_layer, load, named_layer, read_toml
 from scenarios.acquire.config import (
     AcquireConfig,
     layout_file,
@@ -114,6 +114,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
+    like: str = ""  # packaged set whose `randomise`, `on` and `parts` are used unless given
     layout: str = ""  # of taxels; empty: the kit's
     static_samples: Number = 0
     slip_samples: Number = 0
@@ -182,7 +183,8 @@ def fingerprints(*words: str) -> dict[str, str]:
 def load_dataset_config(path: Path) -> DatasetConfig:
     """Read a data set's TOML file. Raises ConfigError for a bad file or unknown names."""
     layer = read_toml(path)
-    settings = msgspec.structs.replace(layer, table=resolve_paths(layer.table, path.parent))
+    table = _ranges_of(layer.table.get("like", "")) | layer.table
+    settings = msgspec.structs.replace(layer, table=resolve_paths(table, path.parent))
     config = load(DatasetConfig, [settings])
     surfaces = [*config.on, *(word for part in config.parts for word in part.on)]
     surfaces += [word for row in config.rows for word in row.percent]
@@ -198,6 +200,14 @@ def load_dataset_config(path: Path) -> DatasetConfig:
     if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
         raise ConfigError(str(path), "rows", "no row has samples", "percent above 0")
     return config
+
+
+def _ranges_of(name: str) -> dict[str, Any]:
+    """Random settings of the packaged data set of that name. Raises ConfigError."""
+    if not name:
+        return {}
+    table = read_toml(file_of("datasets", name)).table
+    return {key: table[key] for key in ("randomise", "on", "parts") if key in table}
 
 
 def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
@@ -232,7 +242,7 @@ def _cause_jobs(config: DatasetConfig, index: int) -> Iterator[Job]:
             name = name_of("object_shapes" if row.grasped else "surfaces", word)
             metadata = _metadata(config, split, index, name, word, course, row)
             samples = round(row.seconds / PERIOD_S)
-            path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
+            path = f"{row.cause}/{index:04d}-{name}{SUFFIX}"
             yield Job(path, word, course, samples, 0, metadata, row.disturbances)
             index += 1
 

@@ -1,12 +1,20 @@
 """Atomic writing, private folders and lock files."""
 
 import os
+import resource
 from pathlib import Path
 
 import pytest
 
-from drivers.errors import GraspError, Refused
-from grasp.files import Holder, locked, make_private_folder, use_writable_cache, write_whole
+from drivers.errors import GraspError, OutputClosedError, Refused
+from grasp.files import (
+    Holder,
+    locked,
+    make_private_folder,
+    use_writable_cache,
+    why_not_writable,
+    write_whole,
+)
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
@@ -22,6 +30,14 @@ def test_writing_replaces_a_file_and_leaves_no_partial_file(
         os.umask(before)
     assert (tmp_path / "new.json").stat().st_mode & 0o777 == mode
     assert [path.name for path in tmp_path.iterdir()] == ["new.json"]
+
+
+def test_a_pipe_without_a_reader_is_a_closed_output(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with pytest.raises(OutputClosedError):
+        write_whole(Path(f"/dev/fd/{writer}"), b"x" * 10**6)
+    os.close(writer)
 
 
 def test_missing_parent_folders_are_made_private(tmp_path: Path) -> None:
@@ -50,6 +66,16 @@ def test_second_process_is_refused_with_the_holder_and_later_gets_the_lock(tmp_p
     assert not file.exists()
     with locked(file, 0o644, refused):
         assert file.stat().st_mode & 0o777 == 0o644
+
+
+def test_a_full_disk_is_not_writable(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, before[1]))  # EFBIG, as ENOSPC
+    try:
+        assert "cannot be written in" in why_not_writable(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert why_not_writable(tmp_path) == ""
 
 
 def test_unwritable_cache_folder_is_replaced_by_one_of_the_temporary_directory(

@@ -117,11 +117,12 @@ def test_arm_moves_by_the_given_step_without_an_address_of_a_gripper(lab: Lab) -
 
 @needs_ur_rtde
 def test_arm_moves_back_to_the_start_of_a_run_but_not_sideways(lab: Lab, tmp_path: Path) -> None:
-    _, now = read_status(lab.config.ur.host, PATIENCE_S)
+    host = lab.config.ur.host
+    _, now = read_status(host, PATIENCE_S)
     x, y, z = now.pose[:3]
 
-    def back(*start_m: float, rig: str = "hardware", more: tuple[str, ...] = ()) -> Any:
-        (tmp_path / "result.json").write_text(json.dumps({"rig": rig, "home_m": start_m}))
+    def back(*start_m: float, arm: str = host, more: tuple[str, ...] = ()) -> Any:
+        (tmp_path / "result.json").write_text(json.dumps({"arm": arm, "home_m": start_m}))
         return lab.grasp("arm", "back", str(tmp_path), *CONFIRMED, *more)
 
     before_m = lab.height_m
@@ -135,7 +136,7 @@ def test_arm_moves_back_to_the_start_of_a_run_but_not_sideways(lab: Lab, tmp_pat
     other = ("--set", "ur.tcp_offset=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0]")  # than the controller's
     refused = back(x, y, z, more=other)
     assert refused.code == 4 and "tool position differs by 100 mm" in refused.err, refused
-    assert "no result of a run on rig hardware" in back(x, y, z, rig="emulated").err
+    assert f"was of 127.0.0.98, not of {host}" in back(x, y, z, arm="127.0.0.98").err
     assert lab.height_m == pytest.approx(before_m, abs=0.0003)
 
 

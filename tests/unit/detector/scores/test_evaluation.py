@@ -235,10 +235,18 @@ def test_evaluation_of_a_scripted_detector_is_as_counted_by_hand() -> None:
     slip = flags(110, 40, 60)
     p = flags(113, 40, 57).astype(float)
     ticks = itertools.count(0, 5_000)
+
+    class SlowToStart(Scripted):
+        def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+            nonlocal ticks
+            if not hasattr(self, "started"):  # as where code is compiled
+                self.started, ticks = True, itertools.count(10**9, 5_000)
+            return super().update(counts)
+
+    detector = SlowToStart(p, np.zeros(210))
     e = evaluate_recording(
-        Scripted(p, np.zeros(210)), RuleSettings(), recording(slip, 2),
-        clock_ns=lambda: next(ticks),
-    )  # fmt: skip
+        detector, RuleSettings(), recording(slip, 2), clock_ns=lambda: next(ticks)
+    )
     assert (e.detector, e.data, e.n_samples) == ("scripted", "by hand", 110)
     assert e.accuracy == pytest.approx(104 / 110)
     assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 0)

@@ -2,6 +2,8 @@
 files by whether they can be written."""
 
 import argparse
+import os
+import pwd
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from drivers.errors import UsageError
 from grasp.cli import options
 from grasp.cli.commands import build_parser
-from grasp.cli.main import main
+from grasp.cli.main import _checked, main
 from grasp.cli.output import progress
 from grasp.files import write_whole
 
@@ -118,3 +120,15 @@ def test_shortened_and_misspelt_words_are_refused_with_a_proposal(
     with pytest.raises(UsageError) as error:
         build_parser().parse_args(words.split())
     assert proposed in error.value.message
+
+
+def test_the_home_folder_is_inserted_where_no_shell_does_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    user = pwd.getpwuid(os.getuid())
+    other = f"~{user.pw_name}/no", f"{user.pw_dir}/no"
+    for word, path in ("~", tmp_path), ("~/x", tmp_path / "x"), other, ("~x.csv", "~x.csv"):
+        assert _checked(f"--out={word}") == f"--out={path}", word
+    assert main(["report", "x", "--out=~nobody_has_this/x.html"]) == 2
+    assert "the home folder is not known" in capsys.readouterr().err

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli.output import json_line
+from grasp.cli.output import json_line, listing
 
 ROOT = Path(__file__).parents[4]
 NOISY = (
@@ -56,3 +56,9 @@ def test_a_full_disk_is_reported_in_one_line(how: list[str]) -> None:
     assert done.returncode == 5
     assert done.stderr.startswith("grasp: No space left on device")
     assert done.stderr.count("\n") == 1
+
+
+def test_large_numbers_are_listed_without_a_power_of_ten() -> None:
+    assert listing({"us": {"p50": 7.4567, "max": 16950.4}}).split(maxsplit=1)[1] == (
+        "p50 7.457, max 16950"
+    )

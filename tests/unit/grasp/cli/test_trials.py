@@ -1,17 +1,25 @@
 """Messages and exit codes at the end of a series of trials."""
 
+import json
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
 
+from drivers.errors import UsageError
+from drivers.ur.link import preflight
+from grasp.cli.lab import warn_of_height
 from grasp.cli.main import main
 from scenarios.campaign import trial_series
+from scenarios.campaign.config import load_for_devices
 from scenarios.trial.final_state import FinalState
 from scenarios.trial.result import Failure
+from scenarios.trial.run_folder import last_start
 
 DEAF = ("--detector", "energy", "--set", "energy.threshold_counts=400")
 
@@ -76,3 +84,35 @@ def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 4
     output = capsys.readouterr().err
     assert CLOSED.advice in output and "--resume" in output and "interrupted" not in output
+
+
+def test_the_height_above_the_start_is_stated_for_the_newest_run_of_the_same_arm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arm, start_m = "127.0.0.99", (0.1, 0.2, 0.3)
+    config = load_for_devices("can", "hardware", None, (f"ur.host={arm}",))
+    now = Mock(pose=(0.1, 0.2, 0.35, 0.0, 0.0, 0.0))
+    monkeypatch.setattr(preflight, "read_status", lambda *_: (now, now))
+
+    def result(name: str, at_s: int, **values: object) -> None:
+        file = tmp_path / "runs" / name / "result.json"
+        file.parent.mkdir(parents=True)
+        file.write_text(json.dumps(values))
+        os.utime(file, (at_s, at_s))
+
+    result("first", 1, arm=arm, home_m=start_m)
+    warn_of_height(config)
+    stated = "the arm stands 50 mm above where runs/first began (`grasp arm back` moves it there)"
+    assert stated in capsys.readouterr().err
+    for at_s, (name, values, why) in enumerate([
+        ("short", {"arm": arm, "home_m": None}, "runs/short ended before the arm's start"),
+        ("other", {"arm": "127.0.0.98", "home_m": start_m}, "of 127.0.0.98, not of 127.0.0.99"),
+        ("old", {"home_m": start_m}, "was of no real arm, not of 127.0.0.99"),
+    ], start=2):  # fmt: skip
+        result(name, at_s, **values)
+        warn_of_height(config)
+        assert capsys.readouterr().err == "", name
+        with pytest.raises(UsageError, match=why):
+            last_start(arm, None)
+        assert last_start(arm, Path("first")) == (Path("runs/first"), start_m)

@@ -42,8 +42,11 @@ def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
     assert made.t_s[[0, -1]] == pytest.approx([0.0, 1.99])
     assert made.counts[[0, -1], 0].tolist() == [[0] * 6, [-60, -70, -80, -90, -100, -110]]
     assert changes[0] == "time: stamp, in ms, 1700000000 s subtracted"
-    with pytest.raises(BadFile, match="timestamps look like milliseconds"):
-        import_recording(path, ImportOptions(columns="data"))
+    assert made.metadata is not None and made.metadata.cause == "imported"
+    for unit in ("s", "us", "ns"):
+        with pytest.raises(BadFile, match="timestamps look like milliseconds") as error:
+            import_recording(path, ImportOptions(columns="data", unit=unit))
+        assert error.value.remedy == "give --unit ms", unit
 
 
 def test_pairs_without_a_header_are_resampled(tmp_path: Path) -> None:

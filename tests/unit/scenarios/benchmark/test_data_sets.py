@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from detector.recordings import write
+from detector.recordings import INDEX, write
 from drivers.errors import BadFile
 from grasp.cli.main import main
-from scenarios.acquire.datasets.build import INDEX
 from scenarios.benchmark.data_sets import require_whole
 from tests.unit.detector.toy_recordings import toy, toys
 

@@ -2,6 +2,8 @@
 
 import os
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from drivers.errors import BadFile, ConfigError
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import Finished, Row, error_row, run_trial
+from scenarios.campaign.worker import FOLDER, Finished, Row, error_row, run_trial
 from scenarios.rigs.workers import Workers
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
@@ -138,14 +140,20 @@ def test_folder_of_a_killed_process_is_removed_at_the_next_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    left, used = (tmp_path / f"grasp-campaign-{pid}-abcd_123" for pid in (0, os.getpid()))
-    others = tmp_path / "grasp-campaign-results-november", tmp_path / "grasp-campaign-0-results"
-    for folder in (left, used, *others):
+    left, used = (tmp_path / f"{FOLDER}{name}" for name in ("left", "used"))
+    for folder in (left, used):
         folder.mkdir()
         (folder / "run.mcap").touch()
-    run_here(TWO_OBJECTS, tmp_path / "a.sqlite", instant_success)
-    assert not left.exists()
-    assert all(folder.exists() for folder in (used, *others))
+    script = "import fcntl, os, sys; fcntl.flock(os.open(sys.argv[1], 0), 2); print(); input()"
+    words = [sys.executable, "-c", script, str(used)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        run_here(TWO_OBJECTS, tmp_path / "a.sqlite", instant_success)
+        assert (left.exists(), used.exists()) == (False, True)
+        other.communicate(b"\n")
+    run_here(TWO_OBJECTS, tmp_path / "b.sqlite", instant_success)
+    assert not used.exists()
 
 
 def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from grasp.cli.campaign import _shown
+from grasp.cli.campaign import _shown, print_summary
 from scenarios.campaign.summary import summarize, wilson
 from scenarios.campaign.worker import Row
 
@@ -72,3 +72,11 @@ def test_errors_are_counted_separately_from_failures() -> None:
     summary = summarize("x", rows)
     (cell,) = summary.variants[0].cells
     assert (cell.trials, cell.successes, cell.errors, summary.errors) == (2, 1, 1, 1)
+
+
+def test_all_swept_settings_are_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    swept = '{"loop.decision_delay_s":0.02,"controller.closing_speed_mps":[0.05,0.1]}'
+    print_summary(summarize("x", [row(0, "ball", "held", swept=swept)]))
+    shown = capsys.readouterr().out
+    assert "loop.decision_delay_s = 0.02" in shown
+    assert "controller.closing_speed_mps = [0.05, 0.1]" in shown

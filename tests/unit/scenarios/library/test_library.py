@@ -118,3 +118,10 @@ def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) ->
         grasp.lift(**wrong)
     assert str(next(iter(wrong.values()))).strip("[]") in error.value.message
     assert error.value.__notes__ == [f"remedy: {error.value.remedy}"]
+
+
+def test_a_wrong_setting_is_named_by_the_argument_and_not_by_the_option() -> None:
+    for call in (grasp.lift, lambda settings: grasp.detector("tcn", settings=settings)):
+        with pytest.raises(ConfigError, match=r"^settings: guard\.force_limit_n: ") as error:
+            call(settings={"guard.force_limit_n": "x"})
+        assert "--set" not in f"{error.value} {error.value.remedy}"

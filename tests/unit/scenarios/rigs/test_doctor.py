@@ -35,6 +35,12 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device_checks, "arm_checks", lambda config: [])
 
 
+def test_missing_addresses_are_named_before_a_missing_calibration() -> None:
+    checks = doctor._devices("hardware", lambda rig, _: load_config("can", rig), make_guard)
+    failed = [check.name for check in checks if check.status == "fail"]
+    assert failed == ["gripper", "arm", "fingertips", "calibration"]
+
+
 @pytest.mark.usefixtures("no_arm")
 @pytest.mark.parametrize(
     ("chosen", "status"),

@@ -1,0 +1,267 @@
+"""The benchmark's lifts, in which a false alarm has a price.
+
+Half of the lifts start with a grip that is too weak, half with a sufficient one, and a quarter of
+the objects are fragile: those break at a multiple of the force that they need, so the hand responds
+with `stop_and_step`. A lift is done right if the object is held at the end, no slip of 2 mm or more
+was missed, nothing was registered before slip began, and a fragile object is whole.
+"""
+
+import math
+from collections import deque
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.decision import RuleSettings
+from detector.interface import SlipDetector
+from drivers.interfaces import FINGERS
+from grasp.controller import GraspController
+from grasp.loop import Tick
+from scenarios.acquire.config import with_values
+from scenarios.acquire.datasets.causes import PERMISSIVE
+from scenarios.acquire.datasets.plan import part_of_job, random_parameters
+from scenarios.acquire.datasets.random_objects import (
+    random_object,
+    relaxed_forces_n,
+    shape_ranges,
+)
+from scenarios.benchmark.protocol import LiftRanges, Range, SplitName, load_protocol
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import GraspRig
+from scenarios.rigs.simulated import cell_settings
+from scenarios.trial.execution import make_guard, run_trial
+from scenarios.world.contact import GRAVITY_MPS2
+from scenarios.world.objects import GraspObject
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
+from scenarios.world.truth import Truth
+
+MISSED_M = 0.002  # a slip of this that was never registered
+SMOOTH_M = 0.0001  # texture rms; slip on smoother surfaces causes little vibration
+MAX_TRIES = 1000
+FRAGILE = {"controller.slip_response": "stop_and_step", "controller.margin_steps": 1}
+RIGHT, TOO_EARLY, GROUNDLESS, MISSED, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
+    "right", "answered before slip", "answered without slip", "missed", "lost", "crushed",
+    "alarm stayed", "not a function of the counts", "fault or excess force",
+)  # fmt: skip
+ORACLE_RULE = RuleSettings(consecutive=1, release=1)
+
+
+class LiftTask(msgspec.Struct, frozen=True):
+    """One lift. ``oracle_s``: delay of an ideal detector that replaces the configured one."""
+
+    config: LiftConfig  # of the detector, with any object and hand
+    seed: int
+    oracle_s: float | None = None
+    checked: bool = False  # repeat the detector on the counts alone
+
+
+class LiftRow(msgspec.Struct, frozen=True, kw_only=True):
+    """Result of one lift. ``delay_ms``: from the onset of slip to its registration, infinite if
+    missed; None without slip. ``over_least``: force at the end over the least that holds."""
+
+    seed: int
+    weak: bool
+    fragile: bool
+    smooth: bool
+    cause: str  # RIGHT, or what went wrong
+    delay_ms: float | None
+    slip_mm: float | None
+    over_least: float | None
+
+    @property
+    def right(self) -> bool:
+        return self.cause == RIGHT
+
+
+class Grip(msgspec.Struct, frozen=True):
+    """An object with its first grip, and the forces at the thumb that hold and that crush it."""
+
+    body: GraspObject
+    least_n: float
+    crush_n: float
+
+
+class Oracle:
+    """Registers slip when the simulated object slips, a fixed delay later."""
+
+    name, threshold, memory = "oracle", 0.5, 1
+
+    def __init__(self, rig: GraspRig, delay_samples: int) -> None:
+        self._rig, self._delay = rig, delay_samples
+        self.reset()
+
+    def reset(self) -> None:
+        self._past = deque([False] * self._delay)
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        truth = self._rig.truth()
+        self._past.append(truth is not None and _slips(truth))
+        return np.full(FINGERS, float(self._past.popleft()))
+
+
+def _slips(truth: Truth) -> bool:
+    turns = abs(truth.turn_speed_radps) > GROSS_TURN_RADPS
+    return turns or abs(truth.slip_speed_mps) > GROSS_SLIP_MPS
+
+
+class Listened:
+    """A detector whose inputs and outputs are kept, to repeat them without a simulation."""
+
+    def __init__(self, detector: SlipDetector) -> None:
+        self._detector = detector
+        self.name, self.threshold, self.memory = (
+            detector.name, detector.threshold, detector.memory
+        )  # fmt: skip
+        self._heard: list[tuple[NDArray[np.int16], NDArray[np.float64]] | None] = []
+
+    def reset(self) -> None:
+        self._heard.append(None)
+        self._detector.reset()
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        output = self._detector.update(counts)
+        self._heard.append((counts.copy(), output.copy()))
+        return output
+
+    def repeats(self, fresh: SlipDetector) -> bool:
+        """Whether another instance gives the same outputs for the same counts."""
+        for heard in self._heard:
+            if heard is None:
+                fresh.reset()
+            elif not np.array_equal(fresh.update(heard[0]), heard[1], equal_nan=True):
+                return False
+        return True
+
+
+def is_weak(number: int) -> bool:
+    return number % 2 == 0
+
+
+def is_fragile(number: int) -> bool:
+    return number % 8 < 2
+
+
+def run_lift(task: LiftTask) -> LiftRow:
+    """Run and judge one lift."""
+    number = _number(task.seed)
+    config, grip = sampled(task.config, task.seed, number)
+    forces: list[float] = []
+
+    def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        if truth is not None:
+            forces.append(truth.normal_n[0])
+
+    with open_rig(config.built_for(task.seed), task.seed, paced=False) as rig:
+        detector: Oracle | Listened
+        if task.oracle_s is not None:
+            detector = Oracle(rig, round(task.oracle_s / config.loop.period_s))
+        else:
+            detector = Listened(config.make_detector(FINGERS))
+        trial = run_trial(config, rig, make_guard(config), watch, detector=detector)
+    result = lift.judge(config, task.seed, trial, None)
+    cause = verdict(result, grip, is_fragile(number), max(forces, default=0.0))
+    honest = not (task.checked and isinstance(detector, Listened)) or detector.repeats(
+        config.make_detector(FINGERS)
+    )
+    end = trial.trace.end
+    return LiftRow(
+        seed=task.seed, weak=is_weak(number), fragile=is_fragile(number),
+        smooth=config.object.texture_rms_m < SMOOTH_M,
+        cause=cause if honest else CHEATED, delay_ms=_delay_ms(result, cause),
+        slip_mm=None if result.slip_distance_m is None else 1e3 * result.slip_distance_m,
+        over_least=end.normal_n[0] / grip.least_n if end is not None and cause == RIGHT else None,
+    )  # fmt: skip
+
+
+def verdict(result: LiftResult, grip: Grip, fragile: bool, peak_n: float) -> str:
+    """RIGHT, or the first thing that went wrong."""
+    outcome = result.outcome
+    if outcome == LiftOutcome.FALSE_START:
+        return GROUNDLESS if result.slip_onset_s is None else TOO_EARLY
+    if fragile and peak_n > grip.crush_n:
+        return CRUSHED
+    if outcome in SUCCESSES or outcome in (LiftOutcome.NEVER_SLIPPED, LiftOutcome.BEYOND_12CM):
+        return RIGHT
+    if outcome == LiftOutcome.UNDETECTED:
+        return RIGHT if (result.slip_distance_m or 0.0) < MISSED_M else MISSED
+    if outcome in (LiftOutcome.DROPPED, LiftOutcome.EXPELLED):
+        return MISSED if result.slip_registered_s is None else LOST
+    if outcome in (LiftOutcome.CAP_REACHED, LiftOutcome.ALARM_STAYED):
+        return STUCK
+    return FAILED
+
+
+def _delay_ms(result: LiftResult, cause: str) -> float | None:
+    """Delay of the registration; 0 if it came just before gross slip."""
+    onset_s, registered_s = result.slip_onset_s, result.slip_registered_s
+    if cause in (TOO_EARLY, GROUNDLESS) or (onset_s is None and registered_s is None):
+        return None
+    if registered_s is None:
+        small = (result.slip_distance_m or 0.0) < MISSED_M
+        return None if small and cause == RIGHT else math.inf
+    return 0.0 if onset_s is None else max(0.0, 1e3 * (registered_s - onset_s))
+
+
+def _number(seed: int) -> int:
+    protocol = load_protocol()
+    first = max(s.first for s in protocol.splits.values() if s.first <= seed)
+    return seed - first
+
+
+def sampled(config: LiftConfig, seed: int, number: int) -> tuple[LiftConfig, Grip]:
+    """Settings of the lift with its own object and hand, which follow from the seed."""
+    ranges, replace = load_protocol().lifts, msgspec.structs.replace
+    rng = np.random.default_rng([seed, 47])
+    shape = ranges.shapes[int(rng.integers(len(ranges.shapes)))]
+    fixed = {**PERMISSIVE, "controller.keep": True, **(FRAGILE if is_fragile(number) else {})}
+    fixed |= _fingertips(ranges.hands, seed, number)
+    config = with_values(config, fixed)
+    hand = replace(
+        config.hand, command_latency_s=rng.uniform(*ranges.latency_s),
+        debounce_s=rng.uniform(*ranges.debounce_s), tip_mass_kg=rng.uniform(*ranges.tip_mass_kg),
+    )  # fmt: skip
+    config = replace(config, hand=hand)
+    load = ranges.weak if is_weak(number) else ranges.sufficient
+    for _ in range(MAX_TRIES):
+        config = replace(config, object=_body(config, shape, load, rng))
+        grip = _grip(config, seed, ranges)
+        fits = grip.least_n <= ranges.holdable * config.guard.force_limit_n
+        if fits and (grip.crush_n <= ranges.crush_n or not is_fragile(number)):
+            return config, grip
+    raise RuntimeError(f"no object found for the lift with seed {seed}")
+
+
+def _fingertips(hands: str, seed: int, number: int) -> dict[str, float]:
+    protocol = load_protocol()
+    dataset = protocol.dataset(hands, "test")  # ranges only: its seed is not used
+    part = part_of_job(dataset.parts, number)
+    ranges: dict[str, Range] = dataset.randomise | part.randomise
+    return random_parameters(ranges, seed)
+
+
+def _body(config: LiftConfig, shape: str, load: Range, rng: np.random.Generator) -> GraspObject:
+    full_n = sum(config.guard.full_grip_n)
+    hand = config.contact
+    return random_object(shape_ranges(shape), load, hand, config.hand.m_per_count, full_n, rng)
+
+
+def _grip(config: LiftConfig, seed: int, ranges: LiftRanges) -> Grip:
+    body = cell_settings(config, seed)[0].body
+    accelerated = GRAVITY_MPS2 + config.controller.lift_acceleration_mps2
+    least_n = body.total_kg * accelerated / (2.0 * body.friction_kinetic)
+    first_n = relaxed_forces_n(
+        config.object, config.contact, config.hand.m_per_count, config.object.grip_counts
+    )[0]
+    return Grip(body, least_n, ranges.crush * max(least_n, first_n))
+
+
+def tasks(config: LiftConfig, split: SplitName, checked: int) -> list[LiftTask]:
+    """All lifts of a split; the first ``checked`` repeat the detector on the counts alone."""
+    return [
+        LiftTask(config, seed, checked=number < checked)
+        for number, seed in enumerate(load_protocol().lift_seeds(split))
+    ]

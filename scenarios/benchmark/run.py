@@ -1,0 +1,309 @@
+"""`grasp benchmark`: the whole protocol for some detectors, and its result file."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from detector.decision import RuleSettings, cusum, fused
+from detector.interface import DETECTORS, NETWORK
+from detector.network_file import read_network, weights_path
+from detector.recordings import read
+from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, stream
+from detector.scores.quantiles import quantile
+from drivers.errors import UsageError
+from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
+from scenarios.benchmark import lifts, streams
+from scenarios.benchmark.data_sets import read_labelled
+from scenarios.benchmark.lifts import LiftRow, LiftTask, run_lift
+from scenarios.benchmark.protocol import Protocol, SplitName
+from scenarios.benchmark.streams import Figure, StreamScores, Tap, figure
+from scenarios.lift.config import LiftConfig
+from scenarios.rigs.workers import Workers, results
+
+CHECKED = 8  # lifts of a packaged detector that are repeated on the counts alone; else all
+# shares of the samples without slip above a threshold: where the curve is measured
+EXCEEDED = (0.1, 0.02, 0.004, 0.0005)
+ORACLE_S = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+TIMED_UPDATES = 2000
+Progress = Callable[[str, int, int], None]
+
+
+class Point(msgspec.Struct, frozen=True):
+    """A detector with one threshold, or the oracle with one delay, on lifts and taps. ``right``:
+    mean of the shares of lifts and of taps done right."""
+
+    threshold: float
+    right: Figure
+    lifts_right: Figure
+    taps_right: Figure
+    delay_p50_ms: float | None  # from the onset of slip; None: more than half were missed
+    delay_p90_ms: float | None
+
+
+class LiftScores(msgspec.Struct, frozen=True):
+    """Lifts with the packaged rule."""
+
+    causes: dict[str, int]
+    causes_weak: dict[str, int]
+    causes_fragile: dict[str, int]
+    right_smooth: Figure  # of weak grips on smooth objects
+    right_rough: Figure
+    slip_p50_mm: float | None  # of weak grips
+    slip_p90_mm: float | None
+    over_least_p50: float | None  # force at the end over the least that holds, of weak grips
+    over_least_p90: float | None
+
+
+class TapScores(msgspec.Struct, frozen=True):
+    """Taps with the packaged rule."""
+
+    moved: int
+    detected: Figure  # of those that moved the object by 2 mm or more
+    detected_smooth: Figure
+    detected_rough: Figure
+    unmoved: int
+    unanswered: Figure  # of those that moved it by less than 0.5 mm
+
+
+class Cost(msgspec.Struct, frozen=True):
+    """Cost of a detector; the only figures that a repeated benchmark changes."""
+
+    update_us: float  # median, three fingers
+    parameters: int | None
+    bytes: int | None
+
+
+class DetectorResult(msgspec.Struct, frozen=True):
+    """Everything the benchmark measures of one detector, except its cost."""
+
+    detector: str
+    digest: str
+    packaged: bool
+    rule: RuleSettings
+    point: Point
+    curve: list[Point]
+    streams: StreamScores
+    lifts: LiftScores
+    taps: TapScores
+    real: dict[str, Figure]  # AUC by recording
+
+
+class BenchmarkFile(msgspec.Struct, frozen=True):
+    """`benchmark.json`."""
+
+    version: int
+    split: SplitName
+    seeds: str  # digest
+    layout: str
+    command: str
+    detectors: list[DetectorResult]
+    oracle: list[Point]
+    kind: Literal["grasp benchmark"] = "grasp benchmark"
+
+
+class Benchmark(msgspec.Struct, frozen=True):
+    """Where and how to run."""
+
+    protocol: Protocol
+    split: SplitName
+    recordings: dict[str, list[Path]]  # of the split, by set
+    real: Sequence[Path]
+    workers: Workers
+    progress: Progress
+
+    def detector(self, config: LiftConfig) -> DetectorResult:
+        """Measure one detector."""
+        name, rule = config.detector_label, config.rule
+        threshold = config.make_detector(1).threshold
+        sets = streams.stream_files(
+            config, self.recordings, self.workers, self._shown(f"{name}: recordings")
+        )
+        packaged = name in DETECTORS
+        rules = [rule, *curve_rules(sets, rule)]
+        rows = self._lifts(config, rules, CHECKED if packaged else self.protocol.lifts.number)
+        taps = [streams.score_taps(sets["mallet"], each) for each in rules]
+        points = [
+            point(level(each), row, tap) for each, row, tap in zip(rules, rows, taps, strict=True)
+        ]
+        return DetectorResult(
+            detector=name, digest=config.detector_hash(), packaged=packaged, rule=rule,
+            point=points[0], curve=sorted(points[1:], key=lambda p: p.threshold),
+            streams=streams.score_streams(sets, rule, threshold),
+            lifts=lift_scores(rows[0]), taps=tap_scores(taps[0]), real=self._real(config),
+        )  # fmt: skip
+
+    def oracle(self, config: LiftConfig) -> list[Point]:
+        """An ideal detector that answers after each delay of ORACLE_S."""
+        base = msgspec.structs.replace(config, rule=lifts.ORACLE_RULE)
+        tasks = [
+            msgspec.structs.replace(task, oracle_s=delay_s)
+            for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
+        ]  # fmt: skip
+        rows = self._run(tasks, "oracle: lifts")
+        none = np.empty((0, FINGERS))
+        taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
+        return [
+            point(delay_s, [row for task, row in rows if task.oracle_s == delay_s],
+                  streams.oracle_taps(taps, 1e3 * delay_s))
+            for delay_s in ORACLE_S
+        ]  # fmt: skip
+
+    def _lifts(
+        self, config: LiftConfig, rules: Sequence[RuleSettings], checked: int
+    ) -> list[list[LiftRow]]:
+        """Lifts by each rule; those by the first check the detector."""
+        tasks = [
+            task
+            for i, rule in enumerate(rules)
+            for task in lifts.tasks(
+                msgspec.structs.replace(config, rule=rule), self.split, 0 if i else checked
+            )
+        ]
+        found = self._run(tasks, f"{config.detector_label}: lifts")
+        n = self.protocol.lifts.number
+        return [[row for _, row in found[i * n : (i + 1) * n]] for i in range(len(rules))]
+
+    def _run(self, tasks: Sequence[LiftTask], title: str) -> list[tuple[LiftTask, LiftRow]]:
+        shown, found = self._shown(title), {}
+        for done, (key, row) in enumerate(results(_numbered, list(enumerate(tasks)), self.workers)):
+            found[key] = row
+            shown(done + 1, len(tasks))
+        return [(task, found[i]) for i, task in enumerate(tasks)]
+
+    def _real(self, config: LiftConfig) -> dict[str, Figure]:
+        found = {}
+        for path in self.real:
+            parts = []
+            for recording in read_labelled(path):
+                made = config.make_detector(recording.fingers, recording.taxels)
+                p = stream(made, recording.counts)[0]
+                parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
+            found[path.name] = streams.sample_auc(parts)
+        return found
+
+    def _shown(self, title: str) -> Callable[[int, int], None]:
+        return lambda done, of: self.progress(title, done, of)
+
+
+def _numbered(task: tuple[int, LiftTask]) -> tuple[int, LiftRow]:
+    return task[0], run_lift(task[1])
+
+
+def level(rule: RuleSettings) -> float:
+    """What the curve varies: the limit of a CUSUM, or the threshold."""
+    return rule.limit if rule.kind == "cusum" else rule.threshold
+
+
+def curve_rules(sets: dict[str, list[Streamed]], rule: RuleSettings) -> list[RuleSettings]:
+    """The rule with levels that EXCEEDED shares of the samples without slip are above."""
+    still = []
+    for s in (s for each in sets.values() for s in each):
+        p = fused(s.probabilities, rule)
+        values = (cusum(p, rule) if rule.kind == "cusum" else p).max(axis=1)
+        still.append(values[WARM_UP_SAMPLES:][~s.labels[WARM_UP_SAMPLES:]])
+    ordered = np.sort(np.concatenate(still))
+    levels = sorted({quantile(ordered, 1.0 - share) for share in EXCEEDED})
+    if rule.kind == "cusum":
+        return [msgspec.structs.replace(rule, limit=x) for x in levels if 0.0 < x <= 200.0]
+    return [msgspec.structs.replace(rule, threshold=x) for x in levels if 0.0 < x < 1.0]
+
+
+def point(threshold: float, rows: Sequence[LiftRow], taps: Sequence[Tap]) -> Point:
+    """Lifts and taps of one rule. Taps of one recording share an object and a hand."""
+    of_hand: dict[int, list[Tap]] = {}
+    for tap in taps:
+        of_hand.setdefault(tap.recording, []).append(tap)
+    hands = list(of_hand.values())
+    lifted = figure(_share, [[row.right] for row in rows])
+    tapped = figure(_share, [[tap.right for tap in each] for each in hands])
+    delays = sorted(
+        d for d in (*(r.delay_ms for r in rows), *(t.delay_ms for t in taps)) if d is not None
+    )
+    both = None
+    if lifted.value is not None and tapped.value is not None:
+        both = (lifted.value + tapped.value) / 2.0
+    return Point(
+        threshold, _mean_of(both, lifted, tapped), lifted, tapped,
+        _finite(delays, 0.5), _finite(delays, 0.9),
+    )  # fmt: skip
+
+
+def _mean_of(value: float | None, one: Figure, other: Figure) -> Figure:
+    """Mean of two independent figures, whose errors add as squares."""
+    if value is None or one.low is None or other.low is None:
+        return Figure(value)
+    below = 0.5 * math.hypot(one.value - one.low, other.value - other.low)  # type: ignore[operator]
+    above = 0.5 * math.hypot(one.high - one.value, other.high - other.value)  # type: ignore[operator]
+    return Figure(value, value - below, value + above)
+
+
+def _finite(ordered: Sequence[float], share: float) -> float | None:
+    value = quantile(ordered, share) if ordered else math.inf
+    return value if math.isfinite(value) else None
+
+
+def _share(units: Sequence[Sequence[bool]]) -> float | None:
+    every = [each for unit in units for each in unit]
+    return sum(every) / len(every) if every else None
+
+
+def lift_scores(rows: Sequence[LiftRow]) -> LiftScores:
+    """Scores of the lifts by one rule."""
+    weak = [row for row in rows if row.weak]
+    slips = sorted(row.slip_mm for row in weak if row.slip_mm is not None)
+    over = sorted(row.over_least for row in weak if row.over_least is not None)
+
+    def causes(chosen: Sequence[LiftRow]) -> dict[str, int]:
+        return dict(sorted(Counter(row.cause for row in chosen).items()))
+
+    return LiftScores(
+        causes(rows), causes(weak), causes([row for row in rows if row.fragile]),
+        figure(_share, [[row.right] for row in weak if row.smooth]),
+        figure(_share, [[row.right] for row in weak if not row.smooth]),
+        _finite(slips, 0.5), _finite(slips, 0.9), _finite(over, 0.5), _finite(over, 0.9),
+    )  # fmt: skip
+
+
+def tap_scores(taps: Sequence[Tap]) -> TapScores:
+    """Scores of the taps by one rule."""
+    moved = [tap for tap in taps if tap.moved]
+    unmoved = [tap for tap in taps if not tap.moved]
+
+    def right(chosen: Sequence[Tap]) -> Figure:
+        hands = sorted({tap.recording for tap in chosen})
+        return figure(_share, [[t.right for t in chosen if t.recording == k] for k in hands])
+
+    return TapScores(
+        len(moved), right(moved), right([t for t in moved if t.smooth]),
+        right([t for t in moved if not t.smooth]), len(unmoved), right(unmoved),
+    )  # fmt: skip
+
+
+def cost(config: LiftConfig, clock_ns: Callable[[], int] = time.thread_time_ns) -> Cost:
+    """Median time of an update of three fingers, and the size of a network. Raises UsageError for
+    a detector that needs more than a sample period: it would answer late."""
+    detector = config.make_detector(FINGERS)
+    taxels = config.tactile.taxels or KIT_TAXELS
+    walk = np.random.default_rng(0).integers(-3, 4, (TIMED_UPDATES, FINGERS, taxels))
+    spent_us = []
+    for counts in np.clip(np.cumsum(walk, axis=0), -400, 200).astype(np.int16):
+        start = clock_ns()
+        detector.update(counts)
+        spent_us.append((clock_ns() - start) * 1e-3)
+    median_us = quantile(sorted(spent_us), 0.5)
+    if median_us > 1e6 * PERIOD_S:
+        raise UsageError(
+            f"{config.detector_label}: one update takes {median_us / 1e3:.1f} ms",
+            f"a detector has to answer within the sample period of {1e3 * PERIOD_S:g} ms",
+        )
+    if config.detector_section != NETWORK:
+        return Cost(median_us, None, None)
+    path = weights_path(config.network.weights or config.detector_name)
+    card = read_network(path).card
+    return Cost(median_us, card.parameters or None, path.stat().st_size)
