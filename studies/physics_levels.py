@@ -1,6 +1,6 @@
 """Error and processor time of every contact level, and of MuJoCo.
 
-Times are processor times of one thread and vary between runs: use --workers 0 on a quiet machine.
+Times are processor times of one thread and vary between runs: use `--jobs 1` on a quiet machine.
 """
 
 import argparse
