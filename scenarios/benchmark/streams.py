@@ -129,6 +129,7 @@ def stream_files(
     """The detector's output on every recording, by set."""
     tasks = [_Task(config, str(path)) for paths in files.values() for path in paths]
     found: dict[str, Floats] = {}
+    progress(0, len(tasks))
     for done, (path, p) in enumerate(results(_probabilities, tasks, workers), 1):
         found[path] = p
         progress(done, len(tasks))
