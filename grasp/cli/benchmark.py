@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, Point, cost
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -44,9 +45,7 @@ def benchmark(args: argparse.Namespace) -> int:
     check_digest(protocol, args.split)
     real = _real(args.recording or ())
     configs = [load_config("can", "simulated", name, files, args.set).for_lift() for name in names]
-    for config in configs:
-        for each in (each for recordings in real.values() for each in recordings):
-            config.make_detector(each.fingers, each.taxels)
+    _check_taxels(configs, real)
     costs = {config.detector_label: cost(config) for config in configs}
     make_private_folder(args.out)
     made: list[Any] = []
@@ -63,13 +62,17 @@ def benchmark(args: argparse.Namespace) -> int:
                 lambda done, of: report("recordings", done, of), args.layout,
             )  # fmt: skip
             bench = Benchmark(protocol, args.split, recordings, real, pool, report)
-            oracle = bench.oracle(load_config("can", "simulated", "energy", layout).for_lift())
+            seeds = protocol.splits[args.split].digest
+            kept_oracle = args.out / f"{folder.name.replace('recordings', 'oracle')}-{seeds}.json"
+            if not kept_oracle.exists():
+                ideal = bench.oracle(load_config("can", "simulated", "energy", layout).for_lift())
+                write_whole(kept_oracle, msgspec.json.encode(ideal), private=True)
             for config in configs:
                 made.append(bench.detector(config))
                 file = BenchmarkFile(
-                    version=protocol.version, split=args.split,
-                    seeds=protocol.splits[args.split].digest, layout=args.layout,
-                    command=_command(args, names), detectors=made, oracle=oracle,
+                    version=protocol.version, split=args.split, seeds=seeds, layout=args.layout,
+                    command=_command(args, names), detectors=made,
+                    oracle=msgspec.json.decode(kept_oracle.read_bytes(), type=list[Point]),
                 )  # fmt: skip
                 content = msgspec.json.format(msgspec.json.encode(file), indent=1)
                 write_whole(out, content, private=True)
@@ -105,6 +108,16 @@ def _real(paths: Sequence[Path]) -> dict[str, list[Recording]]:
     if len(found) < len(paths):
         raise UsageError("two recordings have the same file name", "rename one of them")
     return found
+
+
+def _check_taxels(configs: Sequence[Any], real: dict[str, list[Recording]]) -> None:
+    """Raise UsageError for a detector that cannot read a real recording."""
+    for name, recordings in real.items():
+        for config, each in product(configs, recordings):
+            try:
+                config.make_detector(each.fingers, each.taxels)
+            except UsageError as error:
+                raise UsageError(f"{name}: {error.message}", error.remedy) from None
 
 
 def _command(args: argparse.Namespace, names: list[str]) -> str:
