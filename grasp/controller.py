@@ -10,17 +10,27 @@ from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Ve
 from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import LOST, TRIAL, Fault, lines
+from grasp.fault import FINGERTIPS, LOST, TRIAL, Fault, lines
 from grasp.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.monitors.checks import implausible
 from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
 from grasp.safe_state import SafeState, SafeStateSupervisor, Unconfirmed
 from grasp.set_down import SetDown, Transition
 from grasp.slip_monitor import SlipMonitor, SlipStatus
 from grasp.slip_response import RESPONSES
+from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.state_timer import StateTimer
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
+# share of `controller.contact_n` below which a finger bears nothing: 6 standard deviations of an
+# unloaded simulated fingertip
+LOADED_SHARE = 0.25
+LOADING_STEPS = 5  # most counts that fingers without load close further before the lift; assumed
+UNLOADED_REMEDY = (
+    "put the object in the middle, or raise that finger's count in object.grip_counts; if it does "
+    "press, look at its fingertip: `grasp doctor`"
+)
 ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by alarms that no closing ends; assumed
 
 
@@ -60,6 +70,7 @@ class GraspController:
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
         self._firm = False  # the closing to the force limit has been commanded
+        self._loading_steps = 0  # counts that fingers without load have closed further
         self._commands: list[Command] = []  # this and the next two: of the present step
         self._reset_detector = self._first_grasp = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
@@ -212,10 +223,34 @@ class GraspController:
             self._reset_detector = True
 
     def _settle(self, obs: Observation) -> None:
-        if self._grip_complete(obs) and self._lasted(obs, self._settings.settle_s):
+        if not (self._grip_complete(obs) and self._lasted(obs, self._settings.settle_s)):
+            return
+        finger = min((1, 2), key=lambda i: obs.estimated_n[i])
+        unloaded = obs.estimated_n[finger] < LOADED_SHARE * self._settings.contact_n
+        # a thumb without contact ends the run later; implausible fingertips prove nothing
+        if unloaded and not (self._contact.thumb_lost or implausible(obs.reported, FINGERTIPS)):
+            self._load_finger(obs, finger)
+        else:
             self._transition(Trigger.SETTLED, obs, "pads relaxed")
             self._reset_detector = True
             self.slip_monitor.arm()
+
+    def _load_finger(self, obs: Observation, finger: int) -> None:
+        """Close a finger that bears nothing by one count, or end the run where it may not close
+        further: an object between two fingers slides without a registered slip."""
+        cause, limit_n = f"finger {FINGER_NAMES[finger]} bears nothing", self._plan.force_cap_n
+        steps, targets = self._loading_steps, list(obs.gripper.requested)
+        targets[finger] += 1
+        thumb_n = obs.estimated_n[0] + self._plan.stiffness.newtons_per_count
+        closable = targets[finger] <= CLOSED_COUNTS[finger] and thumb_n <= limit_n
+        if closable and steps < LOADING_STEPS and not self._firm:
+            self._loading_steps += 1
+            a, b, c = targets
+            self._transition(Trigger.TIGHTEN, obs, cause, self._grip((a, b, c)))
+            return
+        load = f"its fingertip shows {obs.estimated_n[finger]:.2f} N after {steps} more counts"
+        most = f"at most {LOADING_STEPS} are tried, while the thumb stays within {limit_n:g} N"
+        self._fail(obs, f"{cause}: {load}; {most}", UNLOADED_REMEDY)
 
     def _baseline(self, obs: Observation) -> None:
         if not self._grip_complete(obs):
@@ -356,9 +391,9 @@ class GraspController:
         faults = (Fault(LOST, TRIAL, cause, kind=LOST),)
         self._enter_safe_state(Trigger.LOSE, obs, faults, cause)
 
-    def _fail(self, obs: Observation, cause: str) -> None:
+    def _fail(self, obs: Observation, cause: str, remedy: str = "") -> None:
         """End the run because the grasp failed, although no device did."""
-        self._enter_safe_state(Trigger.FAIL, obs, (Fault("grasp_failed", TRIAL, cause),))
+        self._enter_safe_state(Trigger.FAIL, obs, (Fault("grasp_failed", TRIAL, cause, remedy),))
 
     def _enter_safe_state(
         self, trigger: Trigger, obs: Observation, faults: tuple[Fault, ...] = (), cause: str = ""

@@ -43,7 +43,7 @@ class Trigger(StrEnum):
     SHAPED = "shaped"  # fingers just short of the object
     TARED = "tared"  # rest counts taken
     BRACED = "braced"  # B and C at their positions
-    TIGHTEN = "tighten"  # all fingers at their positions, and a firm grip is set
+    TIGHTEN = "tighten"  # a firm grip is set, or a finger bears nothing
     GRIPPED = "gripped"  # the grip is complete
     SETTLED = "settled"  # the pads have relaxed
     READY = "ready"  # the detector has a baseline: the arm may move
@@ -83,7 +83,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
     (Trigger.SHAPED, (State.SHAPE,), State.TARE),
     (Trigger.TARED, (State.TARE,), State.BRACE),
     (Trigger.BRACED, (State.BRACE,), State.CLOSE),
-    (Trigger.TIGHTEN, (State.CLOSE,), State.CLOSE),
+    (Trigger.TIGHTEN, (State.CLOSE, State.SETTLE), State.CLOSE),
     (Trigger.GRIPPED, (State.CLOSE,), State.SETTLE),
     (Trigger.SETTLED, (State.SETTLE,), State.BASELINE),
     (Trigger.READY, (State.BASELINE,), State.LIFT),

@@ -78,7 +78,7 @@ def final_state(
     force = _force(tick, not untrusted)
     suspect = implausible(faults, GRIPPER) or (tick.gripper.active and not tick.gripper.fresh)
     hand_text = _hand(tick, hand, force, GRIPPER in stale, suspect)
-    is_open = tick.gripper.is_open and GRIPPER not in stale and not suspect
+    is_open = _opened(tick, force) and GRIPPER not in stale and not suspect
     advice = "start the run again" if way_out and is_open else way_out
     arm_suspect = implausible(faults, ARM)
     if way_out and _unknown(tick.arm, ARM in stale, arm_suspect):
@@ -158,7 +158,7 @@ def _closure(tick: Tick, command: Issued | None, force: str) -> str:
     moves = any(f.detection is Detection.MOVING for f in tick.gripper.fingers)
     if moves and tick.gripper.active:  # the motion bits of an inactive hand mean nothing
         return f"still moving, {force}"
-    if tick.gripper.is_open:
+    if _opened(tick, force):
         return "open"
     if not _grips(tick, force):
         contact = "; its contact is unknown" if force == UNKNOWN else ", without contact"
@@ -181,6 +181,11 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     if close.first_stage:
         return f"closed by position, short of the limit of {close.force_cap_n:g} N"
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
+
+
+def _opened(tick: Tick, force: str) -> bool:
+    """Whether the hand is open. A wide object can be gripped at the counts of an open hand."""
+    return tick.gripper.is_open and not _grips(tick, force)
 
 
 def _grips(tick: Tick, force: str) -> bool:

@@ -36,7 +36,7 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.monitors.checks import Monitors
+from grasp.monitors.checks import Monitors, failed
 from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.step import StepResult
@@ -49,6 +49,8 @@ NOISE_COUNTS = 5  # a load that has grown by more has grown
 # Time that a stub finger closes before it meets its object. No setting: it represents no real hand,
 # and registered slip comes from the step that never closes.
 CLOSING_NS = 80_000_000
+# A recording may lack fingers: what they show is no reason to close them further
+UNRECORDED = (failed("fingertip_few_taxels", finger="B, C"),)
 Counts = NDArray[np.int16]  # (fingers, taxels)
 
 
@@ -111,7 +113,7 @@ class _Lift:
         result = self._step.decide(
             Observation(
                 t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
-                arm=arm,
+                arm=arm, reported=UNRECORDED,
             )
         )  # fmt: skip
         for command in result.admitted:

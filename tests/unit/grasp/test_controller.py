@@ -13,6 +13,7 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller_settings import ControllerSettings
+from grasp.monitors.checks import failed
 from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
@@ -189,6 +190,46 @@ def test_missing_contact_is_a_fault_before_the_lift() -> None:
     assert d.controller.state is State.FAULT
     assert "no contact" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
+
+
+UNLOADED = {"estimated_n": (2.0, 2.0, 0.02)}  # finger C
+
+
+def test_finger_without_load_closes_by_single_counts_until_it_is_loaded() -> None:
+    d = Driver()
+    d.until(State.SETTLE)
+    for counts in (56, 57):
+        decision = d.until(State.CLOSE, **UNLOADED)
+        assert decision.commands == (MoveFingers((55, 55, counts), 0.022, 10.0),)
+        d.until(State.SETTLE, **UNLOADED)
+    d.until(State.LIFT)
+    assert d.requested == (55, 55, 57)
+
+
+@pytest.mark.parametrize(
+    ("settings", "estimated_n", "counts"),
+    [({}, (2.0, 2.0, 0.02), 5),  # also a fingertip that feels no load
+     ({}, (8.5, 8.5, 0.02), 0),  # another count could pass the limit of 10 N
+     ({"firm": True}, (7.0, 7.0, 0.02), 0)],
+)  # fmt: skip
+def test_finger_that_stays_without_load_is_a_fault_before_the_lift(
+    settings: dict[str, object], estimated_n: tuple[float, ...], counts: int
+) -> None:
+    d = Driver(**settings)  # type: ignore[arg-type]
+    d.until(State.FAULT, estimated_n=estimated_n)
+    cause = f"finger C bears nothing: its fingertip shows 0.02 N after {counts} more counts; "
+    assert d.controller.fault_cause.startswith(cause)
+    assert "grip_counts" in d.controller.faults[0].remedy
+    assert d.requested == (55, 55, 55 + counts)
+    assert not any(isinstance(c, MoveArm | OpenFingers) for c in d.commands)
+
+
+def test_weak_grip_and_grip_with_implausible_fingertips_are_lifted_as_they_are() -> None:
+    implausible = (failed("fingertip_few_taxels", finger="C"),)
+    for changes in ({"estimated_n": (0.6, 0.4, 0.15)}, {**UNLOADED, "reported": implausible}):
+        d = Driver()
+        d.until(State.LIFT, **changes)
+        assert d.requested == (55, 55, 55)
 
 
 def test_next_run_begins_from_the_home_of_the_first_with_the_fingers_as_they_are() -> None:

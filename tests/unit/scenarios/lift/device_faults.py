@@ -71,6 +71,10 @@ def freeze_thumb(rig: Rig) -> None:
     _keep(rig, FINGER)
 
 
+def freeze_finger_c(rig: Rig) -> None:
+    _keep(rig, slice(12, 18))
+
+
 def freeze_taxels(of_thumb: int) -> Act:
     """Freeze the first ``of_thumb`` taxels of the thumb."""
 

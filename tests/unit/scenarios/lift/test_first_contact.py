@@ -5,9 +5,18 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Tick
 from grasp.states import State
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.execution import make_guard
-from tests.unit.scenarios.conftest import HAND_ALONE, InPhase, Staged, config, in_phase, judged
+from tests.unit.scenarios.conftest import (
+    HAND_ALONE,
+    InPhase,
+    Staged,
+    by_default,
+    config,
+    in_phase,
+    judged,
+)
 from tests.unit.scenarios.lift import device_faults as fault
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -36,6 +45,44 @@ def test_no_finger_exceeds_the_limit_on_an_object_of_unexpected_width(name: str)
             "fault",
         ]  # before the arm lifts
         assert "no contact" in missed.phases[-1].cause
+
+
+def wide_box(counts: str) -> LiftResult:
+    """Lift of a box 140 mm wide, nearly as wide as the open hand."""
+    settings = ("object.half_width_m=0.07", f"object.grip_counts={counts}")
+    result = lift.run(by_default(*settings, object_name="box"), 910007, None).result
+    assert result is not None
+    assert result.peak_force_n is not None
+    assert max(result.peak_force_n.values()) <= BOUND_N
+    assert "finger C bears nothing" in [p.cause for p in result.phases]
+    return result
+
+
+@pytest.mark.parametrize("counts", ["[10,10,10]", "[11,11,9]"])
+def test_box_that_two_fingers_grip_is_held_by_three(counts: str) -> None:
+    """Finger C first bears nothing; the box would slide by more than 10 cm and go unnoticed."""
+    result = wide_box(counts)
+    assert result.outcome == "held_within_6cm"
+    assert result.slip_distance_m is not None
+    assert result.slip_distance_m < 0.01
+
+
+def test_box_that_two_fingers_grip_is_not_lifted_if_the_third_is_far_away() -> None:
+    result = wide_box("[11,11,5]")
+    assert [p.phase for p in result.phases][-2:] == ["grasp.settle", "fault"]
+    assert "finger C bears nothing: its fingertip shows 0.0" in result.phases[-1].cause
+    assert result.end is not None
+    assert not result.end.open  # although the counts are those of an open hand
+    assert result.end.hand.startswith("the hand is closed with its previous grip, at (11, 11, 10)")
+
+
+@pytest.mark.parametrize(("mode", "end"), [("stop", "fault"), ("report", "done.set_down")])
+def test_hand_does_not_close_further_for_a_dead_fingertip(mode: str, end: str) -> None:
+    staged = Staged(f'monitors.mode="{mode}"', made=by_default)
+    staged.run(in_phase(State.TARE, 0), fault.freeze_finger_c)
+    log = staged.ticks[-1].decision.state, [t.observation.gripper.requested for t in staged.ticks]
+    assert log[0] == end
+    assert max(c for _, _, c in log[1]) == staged.config.object.grip_counts[2]
 
 
 def test_thumb_bears_the_force_of_two_motors_in_mode_each_motor() -> None:
