@@ -31,7 +31,7 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, Point, cost
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -54,25 +54,21 @@ def benchmark(args: argparse.Namespace) -> int:
     check_writable(out.with_suffix(".html"), BEGINS)
     try:
         with _shown(hidden=args.json) as report:
-            folder = args.out / "-".join(
-                filter(None, ("recordings", args.split, Path(args.layout).stem))
-            )
+            title = filter(None, ("recordings", args.split, Path(args.layout).stem))
+            folder = args.out / "-".join(title)
             recordings = ensure_recordings(
                 protocol, args.split, folder, pool,
                 lambda done, of: report("recordings", done, of), args.layout,
             )  # fmt: skip
             bench = Benchmark(protocol, args.split, recordings, real, pool, report)
             seeds = protocol.splits[args.split].digest
-            kept_oracle = args.out / f"{folder.name.replace('recordings', 'oracle')}-{seeds}.json"
-            if not kept_oracle.exists():
-                ideal = bench.oracle(load_config("can", "simulated", "energy", layout).for_lift())
-                write_whole(kept_oracle, msgspec.json.encode(ideal), private=True)
+            ideal = load_config("can", "simulated", "energy", layout).for_lift()
+            oracle = bench.kept_oracle(ideal, folder / f"oracle-{seeds}.json")
             for config in configs:
                 made.append(bench.detector(config))
                 file = BenchmarkFile(
                     version=protocol.version, split=args.split, seeds=seeds, layout=args.layout,
-                    command=_command(args, names), detectors=made,
-                    oracle=msgspec.json.decode(kept_oracle.read_bytes(), type=list[Point]),
+                    command=_command(args, names), detectors=made, oracle=oracle,
                 )  # fmt: skip
                 content = msgspec.json.format(msgspec.json.encode(file), indent=1)
                 write_whole(out, content, private=True)

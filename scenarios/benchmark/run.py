@@ -18,6 +18,7 @@ from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, stream
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
+from grasp.files import write_whole
 from scenarios.benchmark import lifts, streams
 from scenarios.benchmark.lifts import LiftRow, LiftTask, run_lift
 from scenarios.benchmark.protocol import Protocol, SplitName
@@ -153,6 +154,14 @@ class Benchmark(msgspec.Struct, frozen=True):
             streams=streams.score_streams(sets, rule, threshold),
             lifts=lift_scores(rows[0]), taps=tap_scores(taps[0]), real=self._real(config),
         )  # fmt: skip
+
+    def kept_oracle(self, config: LiftConfig, path: Path) -> list[Point]:
+        """``oracle``, from that file if it is there, else written to it. Raises OSError."""
+        if path.exists():
+            return msgspec.json.decode(path.read_bytes(), type=list[Point])
+        points = self.oracle(config)
+        write_whole(path, msgspec.json.encode(points), private=True)
+        return points
 
     def oracle(self, config: LiftConfig) -> list[Point]:
         """An ideal detector that answers after each delay of ORACLE_S."""

@@ -1,8 +1,10 @@
 """The page of a benchmark: `grasp benchmark`, or `grasp report benchmark.json`."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import msgspec
 
 from scenarios.benchmark.lifts import CRUSHED, LOST, MISSED, RIGHT
 from scenarios.benchmark.protocol import load_evaluated
@@ -14,9 +16,8 @@ from scenarios.report.run_view import in_words
 SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
 DELAY = "median delay, ms (grey: later or never)"
 RIGHT_AXIS = "lifts and taps done right, %"
-SIMULATED = (
-    'Everything is simulated, except the recordings under "Real recordings". Small: 95 % intervals.'
-)
+REAL = "Real recordings"
+SIMULATED = f'Everything is simulated, except what is under "{REAL}". Small: 95 % intervals.'
 HARM = (MISSED, LOST, CRUSHED)  # the object is lost or damaged; other errors are false alarms
 Where = tuple[float, float]
 
@@ -31,8 +32,7 @@ def benchmark_page(path: Path) -> str:
         Section("Taps", [_taps(every)]),
         Section("Recordings", [_recordings(every)]),
         Section("Slip that lasts", [_lasting(every)]),
-        Section("Real recordings", [_real(every)] if any(each.real for each in every) else [],
-                hint="" if any(each.real for each in every) else "Not given (`--recording FILE`)."),
+        _real(every),
         Section("Run it again", hint=_origin(file), code=file.command),
     ]  # fmt: skip
     return table_page(
@@ -43,11 +43,8 @@ def benchmark_page(path: Path) -> str:
 
 def sentence(file: BenchmarkFile) -> str:
     """The best detector with its share done right and its delay."""
-    known = [each for each in file.detectors if each.point.right.value is not None]
-    if not known:
-        return "No detector was measured."
-    best = max(known, key=lambda each: each.point.right.value or 0.0)
-    p, most = best.point, f"Best of {len(known)} detectors: " if len(known) > 1 else ""
+    n, best = len(file.detectors), max(file.detectors, key=lambda d: d.point.right.value or 0.0)
+    p, most = best.point, f"Best of {n} detectors: " if n > 1 else ""
     delay = "It misses more than half of the slips."
     if p.delay_p50_ms is not None:
         delay = f"Its median delay is {p.delay_p50_ms:.0f} ms."
@@ -73,7 +70,7 @@ def by_threshold(each: DetectorResult) -> list[Point]:
 
 def lowest(points: Sequence[Where]) -> float:
     """A round share, %, below all points."""
-    return 10.0 * math.floor(min((y for _, y in points), default=0.0) / 10.0)
+    return 10.0 * math.floor(min([99.0, *(y for _, y in points)]) / 10.0)
 
 
 def _plot(file: BenchmarkFile) -> Plot:
@@ -89,122 +86,110 @@ def _plot(file: BenchmarkFile) -> Plot:
     )  # fmt: skip
 
 
+def _table(
+    every: Sequence[DetectorResult], columns: dict[str, Callable[[DetectorResult], Cell]],
+    hint: str = "", small: Callable[[DetectorResult], str] = lambda _: "",
+) -> Table:  # fmt: skip
+    rows = [[Cell(d.detector, small(d)), *(made(d) for made in columns.values())] for d in every]
+    return Table(("detector", *columns), rows, hint)
+
+
 def _results(file: BenchmarkFile, costs: dict[str, Cost]) -> Table:
-    headings = ("detector", "lifts and taps done right, %", "lifts done right, %",
-                "taps done right, %", "delay p50 / p90, ms", "one update, µs")  # fmt: skip
-    rows = []
-    for each in file.detectors:
-        p, cost = each.point, costs.get(each.detector)
-        spent = Cell("–") if cost is None else Cell(f"{cost.update_us:.0f}", size(cost))
-        rows.append([Cell(each.detector, in_words(each.rule)), *_shares(p), Cell(delays(p)), spent])
-    for p in file.oracle[:1]:
-        rows.append(
-            [Cell("oracle", "the true slip, at once"), *_shares(p), Cell(delays(p)), Cell()]
-        )
-    hint = ("Delay: from the onset of slip in lifts and taps to its registration; never: too many "
-            "were missed. One update: of three fingertips, median.")  # fmt: skip
-    return Table(headings, rows, hint)
+    table = _table(file.detectors, {
+        "lifts and taps done right, %": lambda d: _share(d.point.right, bar=True),
+        "lifts done right, %": lambda d: _share(d.point.lifts_right, bar=True),
+        "taps done right, %": lambda d: _share(d.point.taps_right, bar=True),
+        "delay p50 / p90, ms": lambda d: Cell(delays(d.point)),
+        "one update, µs": lambda d: _cost(costs.get(d.detector)),
+    }, "Delay: from the onset of slip in lifts and taps to its registration; never: too many were "
+       "missed. One update: of three fingertips, median.", lambda d: in_words(d.rule))  # fmt: skip
+    oracle = [
+        [Cell("oracle", "the true slip, at once"),
+         *map(_share, (p.right, p.lifts_right, p.taps_right)), Cell(delays(p)), Cell()]
+        for p in file.oracle[:1]
+    ]  # fmt: skip
+    return msgspec.structs.replace(table, rows=[*table.rows, *oracle])
 
 
-def _shares(p: Point) -> list[Cell]:
-    return [_share(figure, bar=True) for figure in (p.right, p.lifts_right, p.taps_right)]
-
-
-def _share(f: Figure, bar: bool = False) -> Cell:
-    known = None
-    if bar and f.value is not None and f.low is not None and f.high is not None:
-        known = (f.low, f.value, f.high)
-    return Cell(percent(f), between(f), interval=known)
-
-
-def size(cost: Cost) -> str:
-    """Size of a network; empty for a detector without weights."""
-    if cost.parameters is None or cost.bytes is None:
-        return ""
-    return f"{cost.parameters} parameters, {cost.bytes / 1e3:.0f} kB"
+def _cost(cost: Cost | None) -> Cell:
+    if cost is None:
+        return Cell("–")
+    size = ""
+    if cost.parameters is not None and cost.bytes is not None:
+        size = f"{cost.parameters} parameters, {cost.bytes / 1e3:.0f} kB"
+    return Cell(f"{cost.update_us:.0f}", size)
 
 
 def _lifts(every: Sequence[DetectorResult]) -> list[Table]:
-    causes = Table(
-        ("detector", "all lifts", "first grip too weak", "fragile object"),
-        [[Cell(each.detector), *map(_causes, (each.lifts.causes, each.lifts.causes_weak,
-                                              each.lifts.causes_fragile))] for each in every],
-        "Number of lifts by result.",
-    )  # fmt: skip
-    weak = Table(
-        ("detector", "right on smooth objects, %", "right on rough objects, %",
-         "slip distance p50 / p90, mm", "force over the least that holds, p50 / p90"),
-        [[Cell(each.detector), _share(s.right_smooth), _share(s.right_rough),
-          Cell(pair(s.slip_p50_mm, s.slip_p90_mm)),
-          Cell(pair(s.over_least_p50, s.over_least_p90, "–"))]
-         for each in every for s in [each.lifts]],
-        "Lifts with a first grip that is too weak. Force: the thumb's at the end of a right lift.",
-    )  # fmt: skip
-    return [causes, weak]
+    return [
+        _table(every, {
+            "all lifts": lambda d: _causes(d.lifts.causes),
+            "first grip too weak": lambda d: _causes(d.lifts.causes_weak),
+            "fragile object": lambda d: _causes(d.lifts.causes_fragile),
+        }, "Number of lifts by result."),
+        _table(every, {
+            "right on smooth objects, %": lambda d: _share(d.lifts.right_smooth),
+            "right on rough objects, %": lambda d: _share(d.lifts.right_rough),
+            "slip distance p50 / p90, mm":
+                lambda d: Cell(pair(d.lifts.slip_p50_mm, d.lifts.slip_p90_mm)),
+            "force over the least that holds, p50 / p90":
+                lambda d: Cell(pair(d.lifts.over_least_p50, d.lifts.over_least_p90)),
+        }, "Lifts with a first grip that is too weak. Force: the thumb's, of right ones."),
+    ]  # fmt: skip
 
 
 def _causes(counts: dict[str, int]) -> Cell:
     total = sum(counts.values())
     ordered = sorted(counts.items(), key=lambda item: (item[0] != RIGHT, -item[1], item[0]))
-    return Cell(f"{total}", parts=[
-        Part(f"{n} {cause}", n / total,
-             "good" if cause == RIGHT else "bad" if cause in HARM else "error")
-        for cause, n in ordered
-    ])  # fmt: skip
+    kinds = {RIGHT: "good", **dict.fromkeys(HARM, "bad")}
+    parts = [Part(f"{n} {cause}", n / total, kinds.get(cause, "error")) for cause, n in ordered]
+    return Cell(f"{total}", parts=parts)
 
 
 def _taps(every: Sequence[DetectorResult]) -> Table:
-    headings = ("detector", "detected and over, %", "of these on smooth objects, %",
-                "on rough objects, %", "without motion, not answered, %")  # fmt: skip
-    rows = [
-        [Cell(each.detector), _share(t.detected), _share(t.detected_smooth),
-         _share(t.detected_rough), _share(t.unanswered)]
-        for each in every for t in [each.taps]
-    ]  # fmt: skip
     first = every[0].taps
-    return Table(headings, rows, (
-        f"{first.moved} taps moved the object by 2 mm or more: to be registered within 100 ms, and "
-        f"the status nominal again within 1 s. {first.unmoved} moved it by less than 0.5 mm."
-    ))  # fmt: skip
+    return _table(every, {
+        "detected and over, %": lambda d: _share(d.taps.detected),
+        "of these on smooth objects, %": lambda d: _share(d.taps.detected_smooth),
+        "on rough objects, %": lambda d: _share(d.taps.detected_rough),
+        "without motion, not answered, %": lambda d: _share(d.taps.unanswered),
+    }, f"{first.moved} taps moved the object by 2 mm or more: to be registered within 100 ms, and "
+       f"over within 1 s. {first.unmoved} moved it by less than 0.5 mm.")  # fmt: skip
 
 
 def _recordings(every: Sequence[DetectorResult]) -> Table:
-    headings = (
-        "detector", "slips detected, %", "delay p50, ms", "delay p90, ms",
-        "false alarms per minute of a hand", "while hand or arm moves",
-        "samples right (balanced), %", "AUC",
-    )  # fmt: skip
-    rows = [
-        [Cell(each.detector), _share(s.recall), _delay(s.delay_p50_ms), _delay(s.delay_p90_ms),
-         _value(s.false_per_min), _value(s.false_per_min_actuation), _share(s.balanced_accuracy),
-         _value(s.auc, 3)]
-        for each in every for s in [each.streams]
-    ]  # fmt: skip
-    return Table(headings, rows, "Balanced accuracy and AUC: of the paper's strokes.")
+    return _table(every, {
+        "slips detected, %": lambda d: _share(d.streams.recall),
+        "delay p50, ms": lambda d: _delay(d.streams.delay_p50_ms),
+        "delay p90, ms": lambda d: _delay(d.streams.delay_p90_ms),
+        "false alarms per minute of a hand": lambda d: _value(d.streams.false_per_min),
+        "while hand or arm moves": lambda d: _value(d.streams.false_per_min_actuation),
+        "samples right (balanced), %": lambda d: _share(d.streams.balanced_accuracy),
+        "AUC": lambda d: _value(d.streams.auc, 3),
+    }, "Balanced accuracy and AUC: of the paper's strokes.")  # fmt: skip
 
 
 def _lasting(every: Sequence[DetectorResult]) -> Table:
+    def at(speed: str) -> Callable[[DetectorResult], Cell]:
+        return lambda d: _share(d.streams.sustained_by_speed.get(speed, Figure(None)))
+
     speeds = dict.fromkeys(name for each in every for name in each.streams.sustained_by_speed)
-    headings = ("detector", "reported, %", *(f"{name}, %" for name in speeds),
-                "smooth objects, %", "rough objects, %", "status lost per second")  # fmt: skip
-    rows = [
-        [Cell(each.detector), _share(s.sustained),
-         *(_share(s.sustained_by_speed.get(name, Figure(None))) for name in speeds),
-         _share(s.sustained_smooth), _share(s.sustained_rough), _value(s.dropped_per_s)]
-        for each in every for s in [each.streams]
-    ]  # fmt: skip
-    hint = "Share of the time, from 0.2 s to 2 s after the onset, for which slip is registered."
-    return Table(headings, rows, hint)
+    return _table(every, {
+        "reported, %": lambda d: _share(d.streams.sustained),
+        **{f"{speed}, %": at(speed) for speed in speeds},
+        "smooth objects, %": lambda d: _share(d.streams.sustained_smooth),
+        "rough objects, %": lambda d: _share(d.streams.sustained_rough),
+        "status lost per second": lambda d: _value(d.streams.dropped_per_s),
+    }, "Share of the time, from 0.2 s to 2 s after the onset, with slip registered.")  # fmt: skip
 
 
-def _real(every: Sequence[DetectorResult]) -> Table:
-    names = dict.fromkeys(name for each in every for name in each.real)
-    rows = [
-        [Cell(each.detector), *(_value(each.real[n], 3) if n in each.real else Cell("not given")
-                                for n in names)]
-        for each in every
-    ]  # fmt: skip
-    return Table(("detector", *(f"AUC on {name}" for name in names)), rows)
+def _real(every: Sequence[DetectorResult]) -> Section:
+    def on(name: str) -> Callable[[DetectorResult], Cell]:
+        return lambda d: _value(d.real[name], 3) if name in d.real else Cell("not given")
+
+    if names := dict.fromkeys(name for each in every for name in each.real):
+        return Section(REAL, [_table(every, {f"AUC on {name}": on(name) for name in names})])
+    return Section(REAL, hint="Not given (`--recording FILE`).")
 
 
 def _origin(file: BenchmarkFile) -> str:
@@ -220,6 +205,13 @@ def _evaluations() -> list[str]:
     found = load_evaluated()
     listed = [f"{each.date}: {each.detector} {each.digest}" for each in found]
     return [f"Evaluations of candidates for the package on the split test: {len(found)}.", *listed]
+
+
+def _share(f: Figure, bar: bool = False) -> Cell:
+    known = None
+    if bar and f.value is not None and f.low is not None and f.high is not None:
+        known = (f.low, f.value, f.high)
+    return Cell(percent(f), between(f), interval=known)
 
 
 def _value(f: Figure, digits: int = 1) -> Cell:
@@ -250,10 +242,9 @@ def between(f: Figure, scale: float = 100.0, digits: int = 0) -> str:
     return f"({low} to {high})"
 
 
-def pair(p50: float | None, p90: float | None, missing: str = "never") -> str:
+def pair(p50: float | None, p90: float | None) -> str:
     """Two quantiles."""
-    known = (f"{x:.1f}" if x is not None and math.isfinite(x) else missing for x in (p50, p90))
-    return " / ".join(known)
+    return " / ".join("–" if x is None else f"{x:.1f}" for x in (p50, p90))
 
 
 def ms(value: float | None) -> str:

@@ -25,8 +25,13 @@ def benchmark(
     small: protocol.Protocol, recordings: Recordings, monkeypatch: pytest.MonkeyPatch
 ) -> Run:
     """`grasp benchmark` with the small protocol, in this process."""
+
+    def built(_: object, __: str, folder: Path, *___: object) -> Recordings:
+        folder.mkdir()
+        return recordings
+
     monkeypatch.setattr(protocol, "load_protocol", lambda: small)
-    monkeypatch.setattr(streams, "ensure_recordings", lambda *_: recordings)
+    monkeypatch.setattr(streams, "ensure_recordings", built)
     monkeypatch.setattr("grasp.cli.benchmark.workers", lambda args: HERE)
     return lambda *words: main(["benchmark", *words, "--split", "validation"])
 
