@@ -2,20 +2,28 @@
 
 import argparse
 import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from detector.interface import DETECTORS
+from detector.interface import DETECTORS, SECTIONS
+from detector.recordings import Recording
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.detector import check_named
-from grasp.cli.options import workers
+from grasp.cli.options import check_writable, workers
 from grasp.cli.output import progress, show
 from grasp.files import make_private_folder, write_whole
 
-FILE, COST, PAGE = "benchmark.json", "cost.json", "benchmark.html"
+FILE = "benchmark.json"
+CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
 HEADINGS = (
-    "detector", "right, %", "lifts", "taps", "delay p50 / p90, ms", "false alarms / min",
+    "detector", "right, %", "lifts, %", "taps, %", "delay p50 / p90, ms", "false alarms / min",
     "lasting slip, %", "AUC", "update, µs",
 )  # fmt: skip
 
@@ -23,71 +31,143 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import Benchmark, BenchmarkFile, cost
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
+    from scenarios.report.page import BEGINS
 
-    names = args.detector or list(DETECTORS)
+    names = list(dict.fromkeys(args.detector or DETECTORS))
     layout = [path] if (path := layout_file(args.layout)) else []
     files, pool = [*layout, *(args.config or ())], workers(args)
+    _check_settings(args)
     check_named(names, files, args.set)
     protocol = load_protocol()
     check_digest(protocol, args.split)
-    make_private_folder(args.out)
+    real = _real(args.recording or ())
     configs = [load_config("can", "simulated", name, files, args.set).for_lift() for name in names]
+    _check_taxels(configs, real)
     costs = {config.detector_label: cost(config) for config in configs}
-    with progress("benchmark", hidden=args.json) as bar:
-        folder = args.out / "-".join(filter(None, ("recordings", args.split, args.layout)))
-        recordings = ensure_recordings(protocol, args.split, folder, pool, bar, args.layout)
+    make_private_folder(args.out)
+    made: list[Any] = []
+    out = args.out / FILE
+    check_writable(out)
+    check_writable(out.with_suffix(".html"), BEGINS)
+    try:
+        with _shown(hidden=args.json) as report:
+            title = filter(None, ("recordings", args.split, Path(args.layout).stem))
+            folder = args.out / "-".join(title)
+            recordings = ensure_recordings(
+                protocol, args.split, folder, pool,
+                lambda done, of: report("recordings", done, of), args.layout,
+            )  # fmt: skip
+            bench = Benchmark(protocol, args.split, recordings, real, pool, report)
+            seeds = protocol.splits[args.split].digest
+            ideal = load_config("can", "simulated", "energy", layout).for_lift()
+            oracle = bench.kept_oracle(ideal, folder / f"oracle-{seeds}.json")
+            for config in configs:
+                made.append(bench.detector(config))
+                file = BenchmarkFile(
+                    version=protocol.version, split=args.split, seeds=seeds, layout=args.layout,
+                    command=_command(args, names), detectors=made, oracle=oracle,
+                )  # fmt: skip
+                content = msgspec.json.format(msgspec.json.encode(file), indent=1)
+                write_whole(out, content, private=True)
+                write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
+    except KeyboardInterrupt:
+        kept = f"{len(made)} of {len(names)} detectors are in {out}" if made else "nothing is kept"
+        remedy = "repeat it with the others and another --out; the recordings are kept"
+        return exits.report("interrupted", kept, remedy, args.json)
+    from grasp.cli.recordings import write_page
 
-    def report(title: str, done: int, of: int) -> None:
-        if done == of:
-            exits.print_detail(title)
+    pages = [write_page(out), *_chart(file, costs, out)]
+    text = "\n".join([table(file, costs), "", *map(str, (out, *pages))])
+    return show(args, {**msgspec.to_builtins(file), "cost": costs}, text)
 
-    bench = Benchmark(protocol, args.split, recordings, args.recording or (), pool, report)
-    oracle = bench.oracle(load_config("can", "simulated", "energy").for_lift())
-    made = [bench.detector(config) for config in configs]
-    file = BenchmarkFile(
-        version=protocol.version, split=args.split, seeds=protocol.splits[args.split].digest,
-        layout=args.layout, command=shlex.join(["grasp", "benchmark", *names]), detectors=made,
-        oracle=oracle,
-    )  # fmt: skip
-    write_whole(
-        args.out / FILE, msgspec.json.format(msgspec.json.encode(file), indent=1), private=True
-    )
-    write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
-    return show(args, file, table(file, costs))
+
+def _check_settings(args: argparse.Namespace) -> None:
+    """Raise UsageError for settings of the user that the protocol fixes."""
+    from scenarios.rigs.calibration import user_layers
+
+    for layer in user_layers(args.config, args.set):
+        if fixed := ", ".join(sorted(layer.table.keys() - CHANGEABLE)):
+            raise UsageError(
+                f"{layer.source} sets {fixed}, which the protocol of the benchmark fixes",
+                "leave it out (also of $GRASP_CONFIG): only detector and rule can be set",
+            )
+
+
+def _real(paths: Sequence[Path]) -> dict[str, list[Recording]]:
+    """Labelled recordings by the name of their file. Raises BadFile and UsageError."""
+    from scenarios.benchmark.data_sets import read_labelled
+
+    found = {path.name: read_labelled(path) for path in paths}
+    if len(found) < len(paths):
+        raise UsageError("two recordings have the same file name", "rename one of them")
+    return found
+
+
+def _check_taxels(configs: Sequence[Any], real: dict[str, list[Recording]]) -> None:
+    """Raise UsageError for a detector that cannot read a real recording."""
+    for name, recordings in real.items():
+        for config, each in product(configs, recordings):
+            try:
+                config.make_detector(each.fingers, each.taxels)
+            except UsageError as error:
+                raise UsageError(f"{name}: {error.message}", error.remedy) from None
+
+
+def _command(args: argparse.Namespace, names: list[str]) -> str:
+    options = [("--split", args.split)]
+    options += [("--layout", args.layout)] if args.layout else []
+    options += [("--config", str(path)) for path in args.config or ()]
+    options += [("--set", text) for text in args.set]
+    real = ["--recording", *map(str, args.recording)] if args.recording else []
+    return shlex.join(["grasp", "benchmark", *names, *(w for o in options for w in o), *real])
+
+
+@contextmanager
+def _shown(hidden: bool) -> Iterator[Any]:
+    """Yields a function of title, done and total that shows each part with its own progress."""
+    with ExitStack() as stack:
+        bars: dict[str, Any] = {}
+
+        def report(title: str, done: int, of: int) -> None:
+            if title not in bars:
+                stack.close()  # the part before has ended
+                bars[title] = stack.enter_context(progress(title, hidden))
+            bars[title](done, of, title)
+
+        yield report
+
+
+def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
+    """Draw the chart if the extra `charts` is installed; returns its path."""
+    if find_spec("matplotlib") is None:
+        exits.print_detail("no chart: it needs the extra `charts` (make install-charts)")
+        return []
+    from scenarios.report.benchmark_chart import draw_benchmark
+
+    path = out.with_suffix(".svg")
+    draw_benchmark(file, costs, path)
+    return [path]
 
 
 def table(file: Any, costs: dict[str, Any]) -> str:
     """One row a detector, then the oracle."""
+    from scenarios.report.benchmark_page import between, delays, number, percent
+
     rows: list[tuple[str, ...]] = [HEADINGS]
     for each in file.detectors:
         p, s = each.point, each.streams
         rows.append((
-            each.detector, percent(p.right), percent(p.lifts_right), percent(p.taps_right),
-            f"{ms(p.delay_p50_ms)} / {ms(p.delay_p90_ms)}", number(s.false_per_min),
-            percent(s.sustained), number(s.auc, 3), f"{costs[each.detector].update_us:.0f}",
+            each.detector, f"{percent(p.right)} {between(p.right)}", percent(p.lifts_right),
+            percent(p.taps_right), delays(p), number(s.false_per_min), percent(s.sustained),
+            number(s.auc, 3), f"{costs[each.detector].update_us:.0f}",
         ))  # fmt: skip
-    first = file.oracle[0]
-    rows.append(("oracle", *map(percent, (first.right, first.lifts_right, first.taps_right)),
-                 f"{ms(first.delay_p50_ms)} / {ms(first.delay_p90_ms)}", "0", "100", "1", "")
-    )  # fmt: skip
+    p = file.oracle[0]
+    shares = map(percent, (p.right, p.lifts_right, p.taps_right))
+    rows.append(("oracle", *shares, delays(p), "0.0", "100.0", "1.000", ""))
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
     return "\n".join(
-        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
     )
-
-
-def percent(figure: Any) -> str:
-    if figure.value is None:
-        return "–"
-    return f"{100 * figure.value:.1f} ({100 * figure.low:.0f}–{100 * figure.high:.0f})"
-
-
-def number(figure: Any, digits: int = 1) -> str:
-    return "–" if figure.value is None else f"{figure.value:.{digits}f}"
-
-
-def ms(value: float | None) -> str:
-    return "never" if value is None else f"{value:.0f}"

@@ -131,8 +131,8 @@ def report(args: argparse.Namespace) -> int:
 
 
 def write_page(run: Path, out: Path | None = None) -> Path:
-    """Write the page of one run, campaign or evaluation. Raises BadFile for other files, UsageError
-    if the page would overwrite a different file."""
+    """Write the page of one run, campaign, evaluation or benchmark. Raises BadFile for other files,
+    UsageError if the page would overwrite a different file."""
     from scenarios.campaign.store import is_database
     from scenarios.report.campaign_page import campaign_page
     from scenarios.report.page import BEGINS
@@ -144,9 +144,11 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     if database:
         page = campaign_page(run, path)
     elif evaluation:
-        from scenarios.report.evaluation_page import evaluation_page  # needs the compiled world
+        from scenarios.benchmark.run import is_benchmark  # needs the compiled world
+        from scenarios.report.benchmark_page import benchmark_page
+        from scenarios.report.evaluation_page import evaluation_page
 
-        page = evaluation_page(run)
+        page = benchmark_page(run) if is_benchmark(run) else evaluation_page(run)
     else:
         page = run_page(run)
     write_whole(path, page.encode(), private=True)

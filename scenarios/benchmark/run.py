@@ -5,7 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -13,13 +13,13 @@ import numpy as np
 from detector.decision import RuleSettings, cusum, fused
 from detector.interface import DETECTORS, NETWORK
 from detector.network_file import read_network, weights_path
-from detector.recordings import read
+from detector.recordings import Recording, read
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, stream
 from detector.scores.quantiles import quantile
-from drivers.errors import UsageError
+from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
+from grasp.files import write_whole
 from scenarios.benchmark import lifts, streams
-from scenarios.benchmark.data_sets import read_labelled
 from scenarios.benchmark.lifts import LiftRow, LiftTask, run_lift
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.benchmark.streams import Figure, StreamScores, Tap, figure
@@ -31,6 +31,7 @@ CHECKED = 8  # lifts of a packaged detector that are repeated on the counts alon
 EXCEEDED = (0.1, 0.02, 0.004, 0.0005)
 ORACLE_S = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
 TIMED_UPDATES = 2000
+COST = "cost.json"  # beside benchmark.json: it differs between runs
 Progress = Callable[[str, int, int], None]
 
 
@@ -94,17 +95,33 @@ class DetectorResult(msgspec.Struct, frozen=True):
     real: dict[str, Figure]  # AUC by recording
 
 
-class BenchmarkFile(msgspec.Struct, frozen=True):
-    """`benchmark.json`."""
+class BenchmarkFile(msgspec.Struct, frozen=True, tag_field="kind", tag="grasp benchmark"):
+    """`benchmark.json`; an infinite value is null in it."""
 
     version: int
     split: SplitName
     seeds: str  # digest
     layout: str
     command: str
-    detectors: list[DetectorResult]
+    detectors: Annotated[list[DetectorResult], msgspec.Meta(min_length=1)]
     oracle: list[Point]
-    kind: Literal["grasp benchmark"] = "grasp benchmark"
+
+
+def is_benchmark(path: Path) -> bool:
+    """Whether the file is a `benchmark.json`, complete or not. Raises OSError."""
+    return path.read_bytes().lstrip(b"{ \n").startswith(b'"kind": "grasp benchmark"')
+
+
+def read_benchmark(path: Path) -> tuple[BenchmarkFile, dict[str, Cost]]:
+    """A result file, and the costs of its detectors if they are beside it. Raises BadFile."""
+    beside = path.with_name(COST)
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=BenchmarkFile)
+        kept = beside.read_bytes() if beside.exists() else b"{}"
+        return found, msgspec.json.decode(kept, type=dict[str, Cost])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        problem = f"is no result of a benchmark, or its {COST} is none: {error}"
+        raise BadFile(path, problem, "make it again: `grasp benchmark`") from None
 
 
 class Benchmark(msgspec.Struct, frozen=True):
@@ -113,7 +130,7 @@ class Benchmark(msgspec.Struct, frozen=True):
     protocol: Protocol
     split: SplitName
     recordings: dict[str, list[Path]]  # of the split, by set
-    real: Sequence[Path]
+    real: dict[str, list[Recording]]  # labelled, by name
     workers: Workers
     progress: Progress
 
@@ -122,7 +139,7 @@ class Benchmark(msgspec.Struct, frozen=True):
         name, rule = config.detector_label, config.rule
         threshold = config.make_detector(1).threshold
         sets = streams.stream_files(
-            config, self.recordings, self.workers, self._shown(f"{name}: recordings")
+            config, self.recordings, self.workers, self._shown(f"{name}, recordings")
         )
         packaged = name in DETECTORS
         rules = [rule, *curve_rules(sets, rule)]
@@ -138,6 +155,14 @@ class Benchmark(msgspec.Struct, frozen=True):
             lifts=lift_scores(rows[0]), taps=tap_scores(taps[0]), real=self._real(config),
         )  # fmt: skip
 
+    def kept_oracle(self, config: LiftConfig, path: Path) -> list[Point]:
+        """``oracle``, from that file if it is there, else written to it. Raises OSError."""
+        if path.exists():
+            return msgspec.json.decode(path.read_bytes(), type=list[Point])
+        points = self.oracle(config)
+        write_whole(path, msgspec.json.encode(points), private=True)
+        return points
+
     def oracle(self, config: LiftConfig) -> list[Point]:
         """An ideal detector that answers after each delay of ORACLE_S."""
         base = msgspec.structs.replace(config, rule=lifts.ORACLE_RULE)
@@ -145,7 +170,7 @@ class Benchmark(msgspec.Struct, frozen=True):
             msgspec.structs.replace(task, oracle_s=delay_s)
             for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
         ]  # fmt: skip
-        rows = self._run(tasks, "oracle: lifts")
+        rows = self._run(tasks, "oracle, lifts")
         none = np.empty((0, FINGERS))
         taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
         return [
@@ -165,26 +190,28 @@ class Benchmark(msgspec.Struct, frozen=True):
                 msgspec.structs.replace(config, rule=rule), self.split, 0 if i else checked
             )
         ]
-        found = self._run(tasks, f"{config.detector_label}: lifts")
+        found = self._run(tasks, f"{config.detector_label}, lifts")
         n = self.protocol.lifts.number
         return [[row for _, row in found[i * n : (i + 1) * n]] for i in range(len(rules))]
 
     def _run(self, tasks: Sequence[LiftTask], title: str) -> list[tuple[LiftTask, LiftRow]]:
         shown, found = self._shown(title), {}
-        for done, (key, row) in enumerate(results(_numbered, list(enumerate(tasks)), self.workers)):
+        shown(0, len(tasks))
+        numbered = results(_numbered, list(enumerate(tasks)), self.workers)
+        for done, (key, row) in enumerate(numbered, 1):
             found[key] = row
-            shown(done + 1, len(tasks))
+            shown(done, len(tasks))
         return [(task, found[i]) for i, task in enumerate(tasks)]
 
     def _real(self, config: LiftConfig) -> dict[str, Figure]:
         found = {}
-        for path in self.real:
+        for name, recordings in self.real.items():
             parts = []
-            for recording in read_labelled(path):
+            for recording in recordings:
                 made = config.make_detector(recording.fingers, recording.taxels)
                 p = stream(made, recording.counts)[0]
                 parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
-            found[path.name] = streams.sample_auc(parts)
+            found[name] = streams.sample_auc(parts)
         return found
 
     def _shown(self, title: str) -> Callable[[int, int], None]:

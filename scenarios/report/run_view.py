@@ -81,7 +81,7 @@ def in_words(settings: RuleSettings) -> str:
     who = f"the probability by {who}" if together else who
     return (
         f"slip is registered when {who} stays above {settings.threshold:g} for {row}, and ends "
-        f"after {settings.release} below it"
+        f"after {settings.release} below {f'{settings.quiet_at:g}' if settings.quiet else 'it'}"
     )
 
 

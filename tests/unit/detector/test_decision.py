@@ -11,6 +11,8 @@ from detector.decision import (
     log_odds,
     registered_events,
 )
+from drivers.errors import ConfigError
+from scenarios.campaign.config import load_config
 
 
 def rule(fingers: int = 3, **settings: float) -> DecisionRule:
@@ -109,6 +111,16 @@ def test_slip_stays_registered_until_enough_quiet_samples_on_all_fingers() -> No
     assert states == [False, True, True, True, True, True, False]
 
 
+def test_an_event_ends_at_the_quiet_probability_and_never_above_the_threshold() -> None:
+    p = [0.9, 0.9, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2]
+    for quiet, after in ((0.2, 7), (0.3, 4), (0.0, 4), (0.9, 4)):
+        states = registered_after(rule(1, quiet=quiet), *p)
+        assert states == [False, *[True] * (after - 1), *[False] * (8 - after)], quiet
+    for wrong in ("-0.1", "1.0"):
+        with pytest.raises(ConfigError, match=r"rule\.quiet"):
+            load_config("can", "simulated", "tcn", None, [f"rule.quiet={wrong}"])
+
+
 def test_events_of_a_stream_countable_by_hand() -> None:
     p = np.array([0, 1, 1, 1, 0, 0, 0, 1, 0, 1, 1, 0, 1, 0, 0, 0, 1, 1], float)[:, None]
     assert registered_events(p, RuleSettings(release=3)).tolist() == [[2, 6], [10, 15], [17, 18]]
@@ -134,14 +146,15 @@ def test_mean_of_the_fingers_decides_and_the_most_probable_finger_registers() ->
 @given(
     seed=st.integers(0, 10_000), fingers=st.integers(1, 3), release=st.integers(1, 4),
     kind=st.sampled_from(["consecutive", "cusum"]), fusion=st.sampled_from(["any", "mean"]),
-    limit=st.floats(0.5, 8.0),
+    limit=st.floats(0.5, 8.0), quiet=st.sampled_from([0.0, 0.2, 0.6, 0.9]),
 )  # fmt: skip
 def test_events_of_a_whole_stream_equal_those_sample_by_sample(
-    seed: int, fingers: int, release: int, kind: str, fusion: str, limit: float
+    seed: int, fingers: int, release: int, kind: str, fusion: str, limit: float, quiet: float
 ) -> None:
     p = np.random.default_rng(seed).uniform(0.0, 1.0, (60, fingers))
     settings = RuleSettings(
         kind=kind, fusion=fusion, limit=limit, release=release, drift=0.3, threshold=0.6,
+        quiet=quiet,
     )  # type: ignore[arg-type]  # fmt: skip
     r = DecisionRule(settings, fingers)
     registered = []

@@ -1,0 +1,60 @@
+"""The chart of a benchmark: needs the extra `charts`."""
+
+from pathlib import Path
+from typing import Any
+
+from grasp.files import save_figure
+from scenarios.benchmark.run import BenchmarkFile, Cost
+from scenarios.report.benchmark_page import (
+    DELAY,
+    END_MS,
+    RIGHT_AXIS,
+    SHOWN_MS,
+    by_threshold,
+    lowest,
+    places,
+)
+from scenarios.report.export import pyplot
+from scenarios.report.page import palette
+
+COLOURS = 6  # of the palette
+SIZE_INCHES, DPI = (7.0, 4.0), 100.0
+TICKS_MS = 50
+
+
+def draw_benchmark(file: BenchmarkFile, costs: dict[str, Cost], out: Path) -> None:
+    """Draw the share done right over the delay. A dot with its interval is a detector's rule, its
+    line has other thresholds; the legend, best first, has the cost of an update. Raises OSError."""
+    plt, n = pyplot(), len(file.detectors)
+    figure, axes = plt.subplots(figsize=SIZE_INCHES, layout="constrained")
+    axes.axvspan(SHOWN_MS, END_MS, color=palette("grid"), lw=0)
+    drawn = places(file.oracle, n, n)
+    axes.plot(*_columns(drawn), "--", color=palette("soft"), lw=1.2,
+              label="oracle: every slip\nis reported that late")  # fmt: skip
+    dots: list[tuple[float, Any]] = []
+    for line, each in enumerate(file.detectors):
+        points, right = places(by_threshold(each), line, n), each.point.right
+        drawn += points
+        look: dict[str, Any] = {"color": palette(f"s{line % COLOURS}"), "lw": 1.2}
+        axes.plot(*_columns(points), "-" if line < COLOURS else ":", **look)
+        cost = f", {costs[each.detector].update_us:.0f} µs" if each.detector in costs else ""
+        for x, y in places([each.point], line, n):
+            ends = [abs(100.0 * (y if end is None else end) - y) for end in (right.low, right.high)]
+            look |= {"fmt": "o" if line < COLOURS else "s", "ms": 6, "capsize": 3}
+            error = [[ends[0]], [ends[1]]]
+            dot = axes.errorbar(x, y, error, label=f"{each.detector}{cost}", **look)
+            dots.append((y, dot))
+    ticks = range(0, int(SHOWN_MS) + 1, TICKS_MS)
+    axes.set(xlim=(0.0, END_MS), ylim=(lowest(drawn), 101.0), xlabel=DELAY, ylabel=RIGHT_AXIS)
+    axes.set_xticks(ticks)
+    axes.grid(color=palette("grid"))
+    axes.set_axisbelow(True)
+    best_first = [dot for _, dot in sorted(dots, key=lambda each: -each[0])]
+    figure.legend(handles=[*best_first, *axes.lines[:1]], loc="outside right upper", fontsize=9,
+                  frameon=False, title="one update")  # fmt: skip
+    save_figure(figure, out, DPI)
+    plt.close(figure)
+
+
+def _columns(points: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [x for x, _ in points], [y for _, y in points]

@@ -1,0 +1,105 @@
+"""What the benchmark measures: known detectors come in a known order, and peeking is caught."""
+
+from itertools import count
+
+import msgspec
+import pytest
+
+from detector.network_file import packaged_networks
+from drivers.errors import ConfigError, UsageError
+from grasp.settings import file_of, names
+from scenarios.acquire.datasets.plan import load_dataset_config, plan
+from scenarios.benchmark.lifts import CHEATED, run_lift, tasks
+from scenarios.benchmark.protocol import check_digest, load_evaluated, load_protocol
+from scenarios.benchmark.run import Benchmark, cost
+from scenarios.benchmark.streams import score_taps, stream_files
+from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, nothing_shown, settings
+
+PEEKS = (
+    "frame = sys._getframe()",
+    "while frame is not None and 'rig' not in frame.f_locals:",
+    "    frame = frame.f_back",
+    "truth = frame.f_locals['rig'].truth() if frame is not None else None",
+    "slips = truth is not None and abs(truth.slip_speed_mps) > 0.003",
+    "return np.full(self.fingers, float(slips))",
+)
+LATE = (  # tcn, 200 ms late
+    "from scenarios.campaign.config import load_config",
+    "if not self.past:",
+    "    self.inner = load_config('can', 'simulated', 'tcn').make_detector(self.fingers)",
+    "self.past.append(self.inner.update(counts))",
+    "return self.past[-21] if len(self.past) > 20 else np.zeros(self.fingers)",
+)
+USELESS = ("np.zeros(self.fingers)", "np.ones(self.fingers)",
+           "np.full(self.fingers, counts.sum() * 7919 % 1009 / 1009)")  # fmt: skip
+
+
+def test_useless_detectors_come_last_and_the_oracle_first(
+    benchmark: Benchmark,
+    plugin: Plugin,
+) -> None:
+    made = {name: benchmark.detector(settings(name)).point for name in ("tcn", "energy")}
+    for line in USELESS:
+        made[line] = benchmark.detector(plugin(f"return {line}")).point
+    made["oracle"] = benchmark.oracle(settings("energy"))[0]
+    order = sorted(made, key=lambda name: made[name].right.value or 0.0)
+    assert order[3:] == ["energy", "tcn", "oracle"]
+    assert made["oracle"].right.value == 1.0
+
+
+@pytest.mark.usefixtures("small")
+def test_a_detector_that_reads_the_simulation_is_caught(plugin: Plugin) -> None:
+    assert run_lift(tasks(plugin(*PEEKS), "validation", 8)[0]).cause == CHEATED
+
+
+def test_a_late_detector_has_late_lifts_and_no_right_tap(
+    benchmark: Benchmark,
+    plugin: Plugin,
+) -> None:
+    prompt = settings("tcn")
+    late = msgspec.structs.replace(plugin(*LATE), rule=prompt.rule)
+    soon, later = (run_lift(tasks(each, "validation", 0)[4]) for each in (prompt, late))
+    assert soon.delay_ms is not None
+    assert later.delay_ms == pytest.approx(soon.delay_ms + 200.0)
+    files = {"mallet": benchmark.recordings["mallet"]}
+    for config, some in ((prompt, True), (late, False)):
+        streamed = stream_files(config, files, HERE, nothing_shown)["mallet"]
+        moved = [tap for tap in score_taps(streamed, config.rule) if tap.moved]
+        assert any(tap.right for tap in moved) == some
+
+
+def test_a_detector_slower_than_the_samples_is_refused() -> None:
+    clock = count(step=11_000_000)
+    with pytest.raises(UsageError, match=r"energy: one update takes 11.0 ms"):
+        cost(settings("energy"), lambda: next(clock))
+
+
+def test_a_changed_protocol_is_refused_until_its_version_changes() -> None:
+    protocol = load_protocol()
+    for split in protocol.splits:
+        check_digest(protocol, split)
+    replace = msgspec.structs.replace
+    for changed in (
+        replace(protocol, lifts=replace(protocol.lifts, crush=2.0)),
+        replace(protocol, recordings=protocol.recordings | {"mallet": 0.1}),
+    ):
+        with pytest.raises(ConfigError, match="raise the version and state that digest"):
+            check_digest(changed, "test")
+
+
+def test_no_seed_of_a_split_occurs_in_the_other_or_in_a_data_set() -> None:
+    protocol = load_protocol()
+    sets = [load_dataset_config(file_of("datasets", name)) for name in names("datasets")]
+    every = [job.metadata.seed for each in sets for job in plan(each)]
+    for split in protocol.splits:
+        every += protocol.lift_seeds(split)
+        for name in protocol.recordings:
+            every += [job.metadata.seed for job in protocol.jobs(name, split)]
+    assert len(set(every)) == len(every)
+
+
+def test_every_packaged_network_has_its_evaluation_on_the_test_split() -> None:
+    """Fails after a change of weights or rule: add the new evaluation to the list."""
+    listed = {(each.detector, each.digest) for each in load_evaluated()}
+    packaged = {(name, settings(name).detector_hash()) for name in packaged_networks()}
+    assert not listed or packaged <= listed

@@ -1,0 +1,118 @@
+"""`grasp benchmark`: its files, its output, and what it refuses before it runs."""
+
+import json
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import write
+from grasp.cli.main import main
+from scenarios.benchmark import protocol, run, streams
+from scenarios.report.benchmark_page import benchmark_page
+from tests.unit.detector.toy_recordings import toy
+from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, Recordings
+
+Run = Callable[..., int]
+
+
+@pytest.fixture
+def benchmark(
+    small: protocol.Protocol, recordings: Recordings, monkeypatch: pytest.MonkeyPatch
+) -> Run:
+    """`grasp benchmark` with the small protocol, in this process."""
+
+    def built(_: object, __: str, folder: Path, *___: object) -> Recordings:
+        folder.mkdir()
+        return recordings
+
+    monkeypatch.setattr(protocol, "load_protocol", lambda: small)
+    monkeypatch.setattr(streams, "ensure_recordings", built)
+    monkeypatch.setattr("grasp.cli.benchmark.workers", lambda args: HERE)
+    return lambda *words: main(["benchmark", *words, "--split", "validation"])
+
+
+def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip = tmp_path / "clip.npz"
+    write(clip, toy(1, "test"))
+    words = ("energy", "--recording", str(clip), "--out")
+    assert benchmark(*words, str(tmp_path / "one")) == 0
+    captured = capsys.readouterr()
+    heading, row, oracle, *_ = captured.out.splitlines()
+    assert heading.startswith("detector  right, %") and row.startswith("energy    ")
+    assert oracle.startswith("oracle    100.0")
+    assert "energy, lifts: 8 of 8, 0 s left" in captured.err
+    assert benchmark(*words, str(tmp_path / "two"), "--json") == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["cost"]["energy"]["update_us"] > 0.0
+    first, second = ((tmp_path / each / "benchmark.json").read_bytes() for each in ("one", "two"))
+    assert first == second
+    page = tmp_path / "one" / "benchmark.html"
+    assert page.with_suffix(".svg").exists() == bool(find_spec("matplotlib"))
+    text = page.read_text()
+    for expected in ("energy does", "Everything is simulated", "AUC on clip.npz", "split test: "):
+        assert expected in text
+    assert main(["report", str(page.with_suffix(".json"))]) == 0
+    assert page.read_text() == text
+
+
+def test_what_was_missed_or_not_measured_is_said_in_words(
+    benchmark: Run, tmp_path: Path, plugin: Plugin
+) -> None:
+    silent = plugin("return np.zeros(self.fingers)").detector_name
+    assert benchmark(silent, "--out", str(tmp_path)) == 0
+    path = tmp_path / "benchmark.json"
+    text = benchmark_page(path)
+    assert "never / never" in text and "Not given" in text and "None" not in text
+    (tmp_path / "cost.json").unlink()
+    assert "–" in benchmark_page(path)
+    path.write_text(path.read_text().replace('"validation"', '"train"'))
+    assert main(["report", str(path)]) == 2
+
+
+def test_an_interrupted_benchmark_keeps_the_detectors_that_ended(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    measure = run.Benchmark.detector
+
+    def interrupted(self: run.Benchmark, config: Any) -> Any:
+        if config.detector_name == "psd":
+            raise KeyboardInterrupt
+        return measure(self, config)
+
+    monkeypatch.setattr(run.Benchmark, "detector", interrupted)
+    assert benchmark("energy", "psd", "--out", str(tmp_path)) == 130
+    assert f"1 of 2 detectors are in {tmp_path}/benchmark.json" in capsys.readouterr().err
+    file, _ = run.read_benchmark(tmp_path / "benchmark.json")
+    assert [each.detector for each in file.detectors] == ["energy"]
+
+
+def test_impossible_requests_are_refused_before_anything_runs(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str], plugin: Plugin
+) -> None:
+    good, eight, bare = toy(1, "test"), tmp_path / "eight.npz", tmp_path / "bare.npz"
+    wider = np.concatenate([good.counts, good.counts[:, :, :2]], axis=2)
+    write(eight, msgspec.structs.replace(good, counts=wider))
+    write(bare, msgspec.structs.replace(good, labelled=False))
+    raises = plugin("return 1 / 0").detector_name
+    out = ("--out", str(tmp_path / "out"))
+    for words, said in (
+        (("tcm", *out), "did you mean 'tcn'"),
+        ((raises, *out), "mine.py, line 15: update raised ZeroDivisionError"),
+        (("tcn", "--recording", str(bare), *out), "slip"),
+        (("tcn", "--recording", str(eight), *out), "eight.npz: detector 'tcn' was made for"),
+        (("tcn", "--layout", "eight", *out), "taxels"),
+        (("tcn", "--set", "guard.force_limit_n=8", *out), "sets guard, which the protocol"),
+        (("tcn", "--out", "/proc/none"), "'/proc/none': cannot be written"),
+    ):
+        assert benchmark(*words) == 2, words
+        error = capsys.readouterr().err
+        assert said in error and "(" in error, error
+    assert not (tmp_path / "out").exists()
