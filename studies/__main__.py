@@ -9,7 +9,7 @@ import studies
 from drivers.errors import GraspError
 from studies import results, runner
 
-NOT_STUDIES = ("__main__", "runner", "lift_start", "auxiliary_training")
+NOT_STUDIES = ("__main__", "runner", "auxiliary_training")
 RESULTS = "results"  # runs studies; none itself, as its other modules
 
 

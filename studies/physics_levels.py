@@ -1,6 +1,6 @@
-"""Error and processor time of every contact level and integrator.
+"""Error and processor time of every contact level, and of MuJoCo.
 
-Times are processor times of one thread and vary between runs: use --workers 0 on a quiet machine.
+Times are processor times of one thread and vary between runs: use `--jobs 1` on a quiet machine.
 """
 
 import argparse
@@ -17,8 +17,7 @@ import numpy as np
 from grasp.cli.parser import Parser
 from scenarios.world.contact import Floats
 from scenarios.world.settings import Level
-from studies.contact import comparators, mujoco_scene, reference, scene
-from studies.contact.comparators import Method
+from studies.contact import mujoco_scene, reference, scene
 from studies.contact.scene import Scene, simulate
 from studies.runner import Study, markdown
 
@@ -28,18 +27,16 @@ STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
 MUJOCO_STEPS_S = STEPS_S[1:-1]
 MUJOCO = {"impratio 1000": 'impratio="1000"', "noslip": 'noslip_iterations="20"'}
 ONE_AXIS = "MuJoCo one axis"
-TOLERANCES_M = (1e-6, 1e-8, 1e-10)
 ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # of the cost comparison
 FLOOR_MM = 1e-6  # the chart shows smaller errors as this
 REPEATS = 5  # the shortest time counts
 COLOURS = {
-    "L1": "#1f5f99", "L2": "#3a7d44", "L3": "#8a6fb0", "L4": "#c2571a", "LuGre": "#b5a000",
-    "regularised": "#b00020", "explicit": "#7fb2d9", "adaptive": "#009999", "MuJoCo": "#888888",
+    "L1": "#1f5f99", "L2": "#3a7d44", "L3": "#8a6fb0", "L4": "#c2571a", "MuJoCo": "#888888",
 }  # fmt: skip
 
 
 class Task(msgspec.Struct, frozen=True):
-    """A method at one step (of `adaptive`: at one tolerance, m)."""
+    """A method at one step."""
 
     scene: str
     curve: str
@@ -66,23 +63,6 @@ def extrapolated(level: Level, of: Scene, step_s: float) -> Floats:
     return 2 * simulate(of, level, 0.5 * step_s) - simulate(of, level, step_s)
 
 
-def best_level(of: Scene) -> Level:
-    """The lowest level that models every motion of the scene."""
-    return Level.SLIDER if of.tap is None else Level.BRUSH
-
-
-def explicit(order: int, of: Scene, step_s: float) -> Floats:
-    return reference.explicit(of, best_level(of), step_s, order)
-
-
-def adaptive(of: Scene, tolerance_m: float) -> Floats:
-    return reference.adaptive(of, best_level(of), tolerance_m)
-
-
-def other_law(method: Method, of: Scene, step_s: float) -> Floats:
-    return comparators.run(of, method, step_s)
-
-
 def by_mujoco(option: str, of: Scene, step_s: float) -> Floats:
     return mujoco_scene.pads(of, step_s, option)
 
@@ -93,12 +73,6 @@ def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
     for level in Level:
         found[level.label] = partial(at_level, level), STEPS_S
         found[f"{level.label} extrapolated"] = partial(extrapolated, level), STEPS_S
-    found["explicit Euler"] = partial(explicit, 1), STEPS_S
-    found["explicit RK4"] = partial(explicit, 4), STEPS_S
-    found["adaptive Runge-Kutta"] = adaptive, TOLERANCES_M
-    found["LuGre RK4"] = partial(other_law, Method.LUGRE_RK4), STEPS_S
-    found["LuGre EXP2"] = partial(other_law, Method.LUGRE_EXP2), STEPS_S
-    found["regularised implicit"] = partial(other_law, Method.REGULAR_IMPLICIT), STEPS_S
     if find_spec("mujoco") is not None:
         for name, option in MUJOCO.items():
             found[f"MuJoCo {name}"] = partial(by_mujoco, option), MUJOCO_STEPS_S
@@ -149,8 +123,7 @@ def cheapest(rows: Iterable[Row], prefix: str, error_mm: float) -> Row | None:
     accidental hits."""
     curves: dict[str, list[Row]] = {}
     for row in rows:
-        other = row.curve.startswith("LuGre") or (row.curve == ONE_AXIS and prefix != ONE_AXIS)
-        if row.curve.startswith(prefix) and not other:
+        if row.curve.startswith(prefix) and (row.curve != ONE_AXIS or prefix == ONE_AXIS):
             curves.setdefault(row.curve, []).append(row)
     good = [
         row
@@ -198,7 +171,7 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
 
 def _plot(axes: Any, curve: str, rows: Sequence[Row]) -> None:
     shown = [row for row in rows if math.isfinite(row.error_m)]
-    dashed = "extrapolated" in curve or "RK4" in curve or curve == ONE_AXIS
+    dashed = "extrapolated" in curve or curve == ONE_AXIS
     axes.plot(
         [row.cost_us for row in shown], [max(row.error_m * 1e3, FLOOR_MM) for row in shown],
         color=COLOURS[curve.split(maxsplit=1)[0]], label=curve, lw=1.1, ms=3.5,
@@ -208,6 +181,6 @@ def _plot(axes: Any, curve: str, rows: Sequence[Row]) -> None:
 
 
 STUDY = Study(
-    "error against processor time of every contact level and integrator",
+    "error against processor time of every contact level, and of MuJoCo",
     grid, trial, Row, table, chart, options, figure_size=(15.0, 6.5),
 )  # fmt: skip

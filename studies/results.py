@@ -40,7 +40,7 @@ from scenarios.rigs.workers import Workers
 from studies import difficulty_sweep, drop_rate, runner
 from studies import results_page as pages
 from studies.physics_levels import ERRORS_MM, MUJOCO, ONE_AXIS, SCENES, cheapest
-from studies.results_detectors import detectors, disturbances, real, robustness
+from studies.results_detectors import detectors, real
 from studies.results_page import Made, Row, median, percent
 
 SUMMARY = "all measured figures: results/*.csv and docs/results.md (`make results`)"
@@ -62,7 +62,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     intro: str
     data: dict[str, DataSet]
     detectors: tuple[str, ...]
-    disturbances: dict[str, tuple[str, ...]]  # data sets, and the detectors scored on each
     campaign: dict[str, Any]  # changes of config/campaigns/paper.toml
     hands: dict[str, tuple[str, ...]]  # settings of each hand
     hand_campaign: dict[str, Any]
@@ -268,8 +267,7 @@ def timing(run: Run) -> Made:
 
 PARTS: dict[str, Callable[[Run], Made]] = {
     part.__name__: part
-    for part in (detectors, campaign, hands, disturbances, responses, robustness, contact, real,
-                 timing, difficulty, drops)
+    for part in (detectors, campaign, hands, responses, contact, real, timing, difficulty, drops)
 }  # fmt: skip
 
 

@@ -15,7 +15,6 @@ from detector.scores.evaluation import (
     Streamed,
     hand_probability,
     recording_intervals,
-    score_impacts,
     score_stream,
 )
 from detector.scores.events import EventOutcomes
@@ -40,7 +39,7 @@ class Task(msgspec.Struct, frozen=True):
 
     detector: str
     test: str
-    thresholds: str = ""
+    thresholds: str
 
     def streamed(self, folder: str) -> Contender:
         return contender(self.detector, read_split([Path(folder)], "all"), "all")
@@ -140,32 +139,6 @@ def update_cost(name: str, updates: int = 3000) -> Row:
     return median(name, "one update, ms", quantiles(spent_ms[updates // 10 :]))
 
 
-def disturbances(run: "Run") -> Made:
-    """Slips, taps and disturbances of kinds that the paper's data set lacks."""
-    chosen = run.settings.disturbances
-    tasks = {Task(name, str(run.data(data))): data for data in chosen for name in chosen[data]}
-    found = dict(results(disturbed, list(tasks), Workers(run.jobs)))
-    return [msgspec.structs.replace(row, item=f"{task.detector}, {data}")
-            for task, data in tasks.items() for row in found[task]]  # fmt: skip
-
-
-def disturbed(task: Task) -> tuple[Task, list[Row]]:
-    made = task.streamed(task.test)
-    judged = [score_stream(s, made.config.rule, exclude_impacts=True) for s in made.streams]
-    delays, taps = np.concatenate([j.events.delays_ms for j in judged]), score_impacts(judged)
-    detected = int(np.isfinite(delays).sum())
-    rows = [
-        alarms("", made, [j.events for j in judged]),
-        percent("", "slips detected, %", detected, len(delays)),
-    ]
-    if taps is not None:
-        rows += [
-            percent("", "taps detected, %", taps.far_registered, taps.far),
-            percent("", "no-slip taps answered, %", taps.unmoved_registered, taps.unmoved),
-        ]
-    return task, rows
-
-
 def real(run: "Run") -> Made:
     """The recording of a real fingertip, which is not part of the repository."""
     recordings, rows = read_labelled(run.real), []
@@ -174,13 +147,3 @@ def real(run: "Run") -> Made:
         auc = between(name, "AUC", sheet.auc, sheet.intervals["auc"], sheet.n_samples)
         rows += [accuracy(name, sheet), auc]
     return rows
-
-
-def robustness(run: "Run") -> Made:
-    """Detectors on recordings with one perturbation."""
-    folders = " ".join(str(run.data(name)) for name in ("paper", *run.settings.disturbances))
-    return [
-        Row(f"{score.detector}, {each.kind or 'unchanged'} {each.amount:g}", name, value)
-        for each in run.study("robustness", f"--data {folders}") for score in each.scores
-        for name, value in msgspec.structs.asdict(score).items() if name != "detector"
-    ]  # fmt: skip

@@ -19,7 +19,7 @@ from detector.network_file import FORMAT, Mode, NetworkCard, read_network, with_
 from detector.recordings import Recording, write_whole
 from detector.training.fit import Training
 from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
-from detector.training.settings import SHIFT_MEAN, shift_taps
+from detector.training.settings import SHIFT_MEAN, WINDOW, shift_taps
 from detector.training.validation import calibration, likelihood
 from drivers.interfaces import FINGERS
 
@@ -45,7 +45,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     before = training.arch.memory - 1 if training.arch.family == "tcn" else 0
     card = NetworkCard(
         format=FORMAT, name=training.name, mode=mode,
-        window=before if mode == "stream" else training.arch.window, threshold=THRESHOLD,
+        window=before if mode == "stream" else WINDOW, threshold=THRESHOLD,
         parameters=sum(p.numel() for p in training.network.parameters()),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
         change_scale_counts=training.statistics.change_scale, temperature=temperature, shift=shift,
@@ -91,7 +91,7 @@ class _Window(nn.Module):
     def __init__(self, network: Any) -> None:
         super().__init__()
         self.network, arch = network, network.arch
-        self.inputs = {"counts": (arch.window, arch.taxels)}
+        self.inputs = {"counts": (WINDOW, arch.taxels)}
 
     def forward(self, counts: Tensor) -> tuple[Tensor]:
         return (self.network(counts)[:, -1],)

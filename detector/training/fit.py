@@ -28,7 +28,7 @@ from detector.training.sequences import (
     random_crops,
     statistics,
 )
-from detector.training.settings import TrainSettings, of_layout
+from detector.training.settings import WINDOW, TrainSettings, of_layout
 from detector.training.validation import Score, score
 from drivers.errors import BadFile
 
@@ -53,9 +53,7 @@ class Training:
         self.name, self.settings, self.data_digest = name, settings, data_digest
         self._validation = validation
         self._fingers = finger_sequences(train, settings.label, settings.evenness)
-        self.arch = msgspec.structs.replace(
-            of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
-        )
+        self.arch = of_layout(name, self._fingers.taxels)
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build(self.arch)
         features: Any = self.network.features
@@ -200,7 +198,7 @@ class _Batches:
 
     def __init__(self, settings: TrainSettings, fingers: FingerSequences) -> None:
         self._settings, self._fingers = settings, fingers
-        self._windows = None if settings.dense else Windows(fingers, settings.window)
+        self._windows = None if settings.dense else Windows(fingers, WINDOW)
         self._epoch = -1
         self._chosen = np.empty(0, np.intp)
 

@@ -70,8 +70,8 @@ def shifts(changes: Tensor) -> Tensor:
     return summed.reshape(batch, taxels, time).transpose(1, 2) / SHIFT_MEAN
 
 
-def layer_norm(width: int, norm: bool) -> nn.Module:
-    return nn.LayerNorm(width, eps=NORM_EPS) if norm else nn.Identity()
+def layer_norm(width: int) -> nn.LayerNorm:
+    return nn.LayerNorm(width, eps=NORM_EPS)
 
 
 class CausalConv(nn.Module):
@@ -80,7 +80,7 @@ class CausalConv(nn.Module):
     def __init__(self, width: int, arch: Architecture) -> None:
         super().__init__()
         self.conv = nn.Conv1d(width, arch.channels, arch.kernel)
-        self.norm = layer_norm(arch.channels, arch.norm)
+        self.norm = layer_norm(arch.channels)
         self.drop = nn.Dropout1d(arch.dropout)
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
         nn.init.zeros_(self.conv.bias)  # type: ignore[arg-type]
@@ -115,7 +115,7 @@ class Head(nn.Module):
         super().__init__()
         self.dense1 = nn.Linear(arch.channels, arch.head)
         self.dense2 = nn.Linear(arch.head, arch.head)
-        self.norm1, self.norm2 = (layer_norm(arch.head, arch.norm) for _ in range(2))
+        self.norm1, self.norm2 = (layer_norm(arch.head) for _ in range(2))
         self.out = nn.Linear(arch.head, arch.outputs)
         self.drop = nn.Dropout(arch.dropout)
 
@@ -267,16 +267,16 @@ def odds_of(
     with torch.inference_mode():
         for recording in recordings:
             counts = torch.from_numpy(recording.counts.astype(np.float32)).permute(1, 0, 2)
-            odds = network(counts) if arch.streaming else _windowed(network, counts, arch.window)
+            odds = network(counts) if arch.streaming else _windowed(network, counts)
             results.append(odds.T.double().numpy())
     network.train()
     return results
 
 
-def _windowed(network: nn.Module, counts: torch.Tensor, window: int) -> torch.Tensor:
+def _windowed(network: nn.Module, counts: torch.Tensor) -> torch.Tensor:
     """(fingers, n) from (fingers, n, taxels); the first frame is repeated before the start."""
-    before = counts[:, :1].expand(-1, window - 1, -1)
-    windows = torch.cat([before, counts], dim=1).unfold(1, window, 1).transpose(2, 3)
-    flat = windows.reshape(-1, window, windows.shape[3])
+    before = counts[:, :1].expand(-1, WINDOW - 1, -1)
+    windows = torch.cat([before, counts], dim=1).unfold(1, WINDOW, 1).transpose(2, 3)
+    flat = windows.reshape(-1, WINDOW, windows.shape[3])
     parts = [network(part, last=True)[:, 0] for part in flat.split(WINDOWS_AT_ONCE)]
     return torch.cat(parts).reshape(len(counts), -1)

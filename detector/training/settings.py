@@ -36,8 +36,6 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     dropout: float = 0.2  # the authors'
     outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
-    window: int = WINDOW  # input samples of a tcn that does not stream
-    norm: bool = True  # of a tcn: layer norm, as in the paper
     gated: bool = False  # of a tcn: one gated convolution a block, a linear head on all of them
     held: int = 1  # of a gated tcn: samples of the running maximum in the head
 
@@ -88,8 +86,6 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     balance: Balance = "weights"
     label: LabelName = "slip"  # by speed; slip_true: of the contact; moved: by displacement
     seed: int = 0
-    window: int = WINDOW  # input samples of `tcn-paper`
-    norm: bool = True  # layer norm in `tcn-paper`, as in the paper
     batch: int = 16  # crops or windows a step
     crop: int = 160  # samples of a crop with a loss
     warm: int = 99  # samples before them; more than the network's memory

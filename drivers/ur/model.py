@@ -268,10 +268,10 @@ class ArmModel:
     def set_payload(self, mass_kg: float) -> None:
         self.payload_kg = mass_kg
 
-    def brake_when_unread(self, after_s: float | None) -> None:
-        """Brake a motion when the arm is not read for so long; None: never. A driver's worker does
-        that for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
-        self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
+    def brake_when_unread(self, after_s: float) -> None:
+        """Brake a motion when the arm is not read for so long. A driver's worker does that
+        for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
+        self._read_timeout_ns = round(after_s * 1e9)
 
     def advance(self, until_ns: int) -> tuple[Vector3, Vector3, Vector3]:
         """Simulate to a time; returns position, m, velocity, m/s, and acceleration, m/s2. The

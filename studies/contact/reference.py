@@ -1,4 +1,4 @@
-"""Reference solution of the contact levels by explicit Runge-Kutta, and methods to compare.
+"""Reference solution of the contact levels by adaptive Runge-Kutta.
 
 It shares only the friction law with the backward Euler of a run.
 
@@ -31,12 +31,6 @@ DORMAND_PRINCE = np.array([
 FIFTH = np.array([35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0])
 FOURTH = np.array([5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40])
 NODES = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-EULER = np.zeros((1, 6)), np.ones(1), np.zeros(1)
-RK4 = (
-    np.array([[0.0] * 6, [0.5] + [0.0] * 5, [0, 0.5, 0, 0, 0, 0], [0, 0, 1.0, 0, 0, 0]]),
-    np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6]),
-    np.array([0.0, 0.5, 0.5, 1.0]),
-)
 # Indices of the vector q: friction, pads, body, arm, vibration, tap; Q_ALONG: 1 if only z moves.
 (Q_MASS, Q_INERTIA, Q_MU_S, Q_MU_K, Q_K, Q_C, Q_A, Q_V, Q_VIB, Q_W, Q_TAP, Q_TAP_S, Q_TAP_N_S,
  Q_ALONG) = range(14)  # fmt: skip
@@ -142,11 +136,11 @@ def _error(k: Floats, h: float, weights: Floats, lower: Floats, tolerance_m: flo
 
 @njit(cache=True)
 def _integrate(
-    x: Floats, flags: Floats, times: Floats, normal: Floats, tolerance_m: float, fixed_s: float,
+    x: Floats, flags: Floats, times: Floats, normal: Floats, tolerance_m: float,
     table: Floats, weights: Floats, lower: Floats, nodes: Floats,
     q: Floats, wrench: Floats, finger: Floats, places: Floats,
 ) -> None:  # fmt: skip
-    """Integrate over all knots. fixed_s > 0: constant step."""
+    """Integrate over all knots."""
     stages = weights.shape[0]
     k = np.empty((stages, x.shape[0]))
     trial, rate, n, saved = np.empty(x.shape[0]), np.empty(x.shape[0]), np.empty(3), flags.copy()
@@ -154,9 +148,8 @@ def _integrate(
     for segment in range(times.shape[0] - 1):
         t, end = times[segment], times[segment + 1]
         whole = end - t
-        fixed = whole / math.ceil(whole / fixed_s - 1e-9) if fixed_s > 0.0 else np.inf
         while end - t > 1e-13:
-            h = min(fixed if fixed_s > 0.0 else h, end - t)
+            h = min(h, end - t)
             for i in range(stages):
                 share = (t + nodes[i] * h - times[segment]) / whole
                 n[:] = normal[segment] * (1 - share) + normal[segment + 1] * share
@@ -167,8 +160,8 @@ def _integrate(
             n[:] = normal[segment] * (1 - share) + normal[segment + 1] * share
             saved[:] = flags
             changed = _rates(t + h, trial, flags, True, q, wrench, finger, places, n, rate)
-            error = 0.0 if fixed_s > 0.0 else _error(k, h, weights, lower, tolerance_m)
-            if fixed_s == 0.0 and (error > 1.0 or changed) and h > LEAST_STEP_S:
+            error = _error(k, h, weights, lower, tolerance_m)
+            if (error > 1.0 or changed) and h > LEAST_STEP_S:
                 flags[:] = saved
                 h *= 0.5 if error <= 1.0 else max(0.2, 0.9 * error**-0.2)
                 continue
@@ -182,19 +175,6 @@ def _integrate(
 
 def adaptive(scene: Scene, level: Level, tolerance_m: float, points: int = 6) -> Floats:
     """Displacement of the tape mark (2,), m; local error below tolerance_m a step."""
-    return _run(scene, level, points, tolerance_m, 0.0, (DORMAND_PRINCE, FIFTH, FOURTH, NODES))
-
-
-def explicit(scene: Scene, level: Level, step_s: float, order: int) -> Floats:
-    """Explicit Euler (order 1) or classical Runge-Kutta (4) at a fixed step; NaN: diverged."""
-    table, weights, nodes = EULER if order == 1 else RK4
-    return _run(scene, level, 6, 1.0, step_s, (table, weights, weights, nodes))
-
-
-def _run(
-    scene: Scene, level: Level, points: int, tolerance_m: float, step_s: float,
-    rule: tuple[Floats, Floats, Floats, Floats],
-) -> Floats:  # fmt: skip
     body, pads, tap, end = scene.body, scene.contact, scene.tap, np.array([scene.duration_s])
     if body.centre_aside_m != 0.0 or body.centre_above_m != 0.0 or pads.relaxation_fraction != 0.0:
         raise ValueError("the reference solves only straight, centred bodies without relaxation")
@@ -216,5 +196,6 @@ def _run(
     stretch[:, 1] = scene.initial_stretch(normal[0])[finger.astype(int)]
     flags[-1] = float(scene.on_table)
     wrench = np.zeros(3) if tap is None else tap_wrench(tap)
-    _integrate(x, flags, times, normal, tolerance_m, step_s, *rule, q, wrench, finger, places)
+    rule = DORMAND_PRINCE, FIFTH, FOURTH, NODES
+    _integrate(x, flags, times, normal, tolerance_m, *rule, q, wrench, finger, places)
     return mark_of(x[2], x[0], x[1] - hand_height(scene, end)[0])

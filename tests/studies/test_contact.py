@@ -1,6 +1,5 @@
-"""The contact levels against an explicit reference, and cases on which known methods fail."""
+"""The contact levels against closed forms and an adaptive Runge-Kutta reference."""
 
-import math
 from typing import Any
 
 import msgspec
@@ -9,9 +8,7 @@ import pytest
 
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.settings import ContactSettings, Impact, Level
-from studies.contact import comparators
-from studies.contact.comparators import Method
-from studies.contact.reference import adaptive, explicit
+from studies.contact.reference import adaptive
 from studies.contact.scene import (
     BODY,
     PADS,
@@ -95,12 +92,9 @@ def loaded(ratio: float, **fields: Any) -> Scene:
 
 
 @pytest.mark.parametrize("level", [Level.SLIDER, Level.POINTS, Level.BRUSH])
-def test_inside_the_cone_nothing_creeps_and_regularised_friction_does(level: Level) -> None:
+def test_inside_the_cone_nothing_creeps(level: Level) -> None:
     short, long = (simulate(loaded(0.99, duration_s=t), level, 1e-2) for t in (1.0, 8.0))
     assert abs(long[1] - short[1]) < 1e-12
-    for step_s in (1e-2, 1e-3):
-        creep = comparators.run(loaded(0.99), Method.REGULAR_IMPLICIT, step_s)
-        assert -creep[1] == pytest.approx(1.98e-3, rel=0.02)  # no step helps
 
 
 def test_outside_the_cone_the_object_falls_at_the_rate_of_the_closed_form() -> None:
@@ -108,18 +102,13 @@ def test_outside_the_cone_the_object_falls_at_the_rate_of_the_closed_form() -> N
     assert -simulate(loaded(1.01), Level.SLIDER, 1e-3)[1] == pytest.approx(expected, rel=2e-3)
 
 
-def test_vibration_inside_the_cone_drifts_in_lugre_only() -> None:
+def test_vibration_inside_the_cone_causes_no_drift() -> None:
     stiff = changed(PADS, shear_stiffness_npm=1e5)  # the pads' own resonance far above
-    scenes = [changed(vibration(), contact=stiff, duration_s=t) for t in (0.5, 1.5)]
-
-    def drift(run: Any) -> float:
-        return abs(float(run(scenes[1])[1] - run(scenes[0])[1]))  # whole periods, 1 s apart
-
-    assert drift(lambda s: simulate(s, Level.SLIDER, 1e-3)) < 1e-7
-    fine = drift(lambda s: comparators.run(s, Method.LUGRE_EXP2, 2e-4))
-    other = drift(lambda s: comparators.run(s, Method.LUGRE_RK4, 2e-5))
-    assert fine > 1e-4
-    assert fine == pytest.approx(other, rel=0.05)  # neither step nor integrator: the law
+    first, last = (
+        simulate(changed(vibration(), contact=stiff, duration_s=t), Level.SLIDER, 1e-3)[1]
+        for t in (0.5, 1.5)  # whole periods
+    )
+    assert abs(last - first) < 1e-7
 
 
 @pytest.mark.parametrize("stiffness_npm", [7e3, 1e6])
@@ -130,7 +119,3 @@ def test_steps_up_to_50_ms_stay_within_first_order_at_any_stiffness(stiffness_np
         for level in (Level.SLIDER, Level.BRUSH):
             error = np.linalg.norm(simulate(scene, level, step_s) - exact)
             assert error < 0.11 * step_s, (level, step_s)  # the arm rises 0.1 m/s
-    if stiffness_npm > 1e4:
-        for order in (1, 4):
-            assert not abs(explicit(scene, Level.SLIDER, 2e-3, order)[1]) < 0.1
-        assert math.isnan(comparators.run(scene, Method.LUGRE_RK4, 2e-3)[1])

@@ -101,16 +101,12 @@ class _Index(msgspec.Struct, frozen=True):
     dataset: Any
 
 
-def build(
-    jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress,
-    option: str = "--out",
-) -> int:  # fmt: skip
+def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress) -> int:
     """Make the recordings that are missing in ``out``; returns their number.
 
-    ``option`` is the command line option of the folder, for messages. Raises UsageError if it has
-    another data set, OSError if it cannot be written.
+    Raises UsageError if it has another data set, OSError if it cannot be written.
     """
-    _claim(out, jobs, origin, option)
+    _claim(out, jobs, origin)
     missing = [job for job in jobs if not (out / job.path).exists()]
     done = len(jobs) - len(missing)
     progress(done, len(jobs))
@@ -124,7 +120,7 @@ def build(
     return len(missing)
 
 
-def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
+def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
     digest = hashlib.sha256(msgspec.json.encode(list(jobs))).hexdigest()[:16]
     path = out / INDEX
     if path.exists():
@@ -135,10 +131,10 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
         if found is None or found.digest != digest:
             raise UsageError(
                 f"{out} holds a data set of other settings or of another program version",
-                f"give the same --share and settings, or another folder with {option}",
+                "give the same --share and settings, or another folder with --out",
             )
         return
-    _require_empty(out, option)
+    _require_empty(out)
     make_private_folder(out)
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
     write_whole(
@@ -146,9 +142,9 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
     )
 
 
-def _require_empty(out: Path, option: str) -> None:
+def _require_empty(out: Path) -> None:
     if out.exists() and any(out.iterdir()):
-        raise UsageError(f"{out} is not empty", f"give a new folder with {option}")
+        raise UsageError(f"{out} is not empty", "give a new folder with --out")
 
 
 # Recordings of a lab: acquisitions and files of counts, each assigned to a split
@@ -173,7 +169,7 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     paths = [path for source in sources for path in _files(source)]
     if len(paths) < MIN_RECORDINGS:
         raise UsageError(f"{len(paths)} recordings are too few", f"give at least {MIN_RECORDINGS}")
-    _require_empty(out, "--out")
+    _require_empty(out)
     recordings = [read(path) for path in paths]
     _require_each_once(paths, recordings)
     if len(layouts := sorted({each.taxels for each in recordings})) > 1:

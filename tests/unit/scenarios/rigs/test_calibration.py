@@ -64,7 +64,8 @@ def test_force_below_a_third_of_the_manuals_is_refused_on_real_devices(tmp_path:
     """With this file a limit of 15.1 N would command byte 255, which is 60 N."""
     choice = f"gripper.calibration={file_of(stated(**EDITED, **EVIDENCE), tmp_path)}"
     limits = ("guard.force_limit_n=15.1", "controller.grip_force_n=15.1")
-    lab = resolved(choice, *limits, rig="hardware")
+    hosts = ("modbus.host=127.0.0.1", "ur.host=127.0.0.1", "usb.serial=any")
+    lab = resolved(choice, *limits, *hosts, rig="hardware")
     assert lab.calibration is not None
     assert lab.calibration.byte_at_most(15.1) == 255
     for opened in (
