@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import Recording, read
 from detector.scores.evaluation import (
+    HAND_FINGERS,
     WARM_UP_SAMPLES,
     Streamed,
     cause_of,
     hand_probability,
-    hand_rate,
-    score_stream,
     stream,
     stroke_intervals,
 )
-from detector.scores.events import MERGE_GAP_S, EventOutcomes, true_events
+from detector.scores.events import MERGE_GAP_S, true_events
 from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_delays, impacts_of
 from detector.scores.metrics import Confusion, Ranking, auc, confusion
 from detector.scores.quantiles import quantile
 from drivers.interfaces import PERIOD_S
 from scenarios.acquire.datasets.build import build
+from scenarios.acquire.datasets.causes import LEAST_SLIP_M
 from scenarios.benchmark.lifts import SMOOTH_M
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.rigs.workers import Workers, results
@@ -40,7 +40,6 @@ from scenarios.trial.config import TrialConfig
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.bool_]
-Alarms = tuple[EventOutcomes, Streamed]
 T = TypeVar("T")
 # forces that the hand or arm changes by itself, and other causes without slip
 ACTUATION = (
@@ -54,7 +53,15 @@ SPEEDS_MPS = {
     "10-20 mm/s": (FAST_MPS, 0.02), "20-50 mm/s": (0.02, 0.05), "above 50 mm/s": (0.05, math.inf),
 }  # fmt: skip
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
+EARLY, LATE = 30, 10  # samples around true sliding in which an event is no false alarm
 RESAMPLES = 300
+
+
+class Alarms(msgspec.Struct, frozen=True):
+    """Events of one recording that begin although nothing slides, and its time without slip."""
+
+    false: int
+    hand_s: float  # of a hand; one finger counts as a third of a hand
 
 
 class Figure(msgspec.Struct, frozen=True):
@@ -144,18 +151,11 @@ def score_streams(
     sets: dict[str, list[Streamed]], rule: RuleSettings, threshold: float
 ) -> StreamScores:
     """Scores of a rule; ``threshold`` is that of single samples."""
-    onsets = [msgspec.structs.replace(s, label="slip_true") for name in SLIDES for s in sets[name]]
-    delays = [score_stream(s, rule).events.delays_ms for s in onsets]
-    alarms = [
-        (score_stream(s, rule, exclude_impacts=True).events, s)
-        for each in sets.values() for s in each
-    ]  # fmt: skip
-    caused = [(e, s) for e, s in alarms if cause_of(s.recording) in ACTUATION]
+    delays = [_slide_delays_ms(s, rule) for name in SLIDES for s in sets[name]]
+    alarms = [(false_alarms(s, rule), s) for each in sets.values() for s in each]
+    caused = [(a, s) for a, s in alarms if cause_of(s.recording) in ACTUATION]
     parts = [samples(s, rule) for s in sets["paper"]]
     lasting = [_lasting(s, rule) for s in sets["sliding"]]
-
-    def rate(chosen: Sequence[Alarms]) -> float | None:
-        return hand_rate([s for _, s in chosen], [e for e, _ in chosen])
 
     def reported(keep: Callable[[Slide], bool]) -> Figure:
         return figure(_reported, [[x for x in each if keep(x)] for each in lasting])
@@ -166,8 +166,8 @@ def score_streams(
         recall=figure(_recall, delays),
         delay_p50_ms=figure(partial(_delay, 0.5), delays),
         delay_p90_ms=figure(partial(_delay, 0.9), delays),
-        false_per_min=figure(rate, alarms),
-        false_per_min_actuation=figure(rate, caused),
+        false_per_min=figure(_rate, [a for a, _ in alarms]),
+        false_per_min_actuation=figure(_rate, [a for a, _ in caused]),
         sustained=reported(lambda x: True),
         sustained_by_speed={
             name: reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
@@ -229,6 +229,50 @@ def _recall(delays_ms: Sequence[Floats]) -> float | None:
 def _delay(share: float, delays_ms: Sequence[Floats]) -> float | None:
     every = np.concatenate(delays_ms)
     return quantile(np.sort(every), share) if len(every) else None
+
+
+# Slips and false alarms, by the true motion of the surface over the pad
+
+
+def _grounded(slides: Labels) -> Labels:
+    """Samples (n,) at which an event may begin without being false: the surface slides, has slid
+    within LATE samples, or will within EARLY, because the pad shears before it slides."""
+    shifts = range(-EARLY, LATE + 1)
+    padded = np.pad(slides, (LATE, EARLY))
+    return np.logical_or.reduce([padded[LATE - k : len(padded) - EARLY - k] for k in shifts])
+
+
+def false_alarms(s: Streamed, rule: RuleSettings) -> Alarms:
+    """Events that begin although nothing slides. The time of a tap does not count."""
+    slides = s.recording.label("slip_true")
+    counted = ~_grounded(slides) & (np.arange(len(slides)) >= WARM_UP_SAMPLES)
+    for tap in impacts_of(s.recording):
+        counted[tap.start : tap.end] = False
+    starts = registered_events(s.probabilities, rule)[:, 0]
+    hands = s.recording.fingers / HAND_FINGERS
+    return Alarms(int(counted[starts].sum()), counted.sum() * PERIOD_S * hands)
+
+
+def _rate(chosen: Sequence[Alarms]) -> float | None:
+    seconds = sum(each.hand_s for each in chosen)
+    return 60.0 * sum(each.false for each in chosen) / seconds if seconds else None
+
+
+def _slide_delays_ms(s: Streamed, rule: RuleSettings) -> Floats:
+    """Delay (k,) from the onset of each slide of LEAST_SLIP_M or more to the event that reports it:
+    0 if it began before, infinite if there is none."""
+    r, slides = s.recording, s.recording.label("slip_true")
+    speed_mps = np.zeros(len(slides)) if r.contact_speed_mps is None else r.contact_speed_mps
+    path_m = np.concatenate([[0.0], np.cumsum(speed_mps * PERIOD_S)])
+    grounded, delays_ms = _grounded(slides), []
+    events = [e for e in registered_events(s.probabilities, rule) if grounded[e[0]]]
+    for first, after in true_events(slides, r.t_s, MERGE_GAP_S):
+        if first < WARM_UP_SAMPLES or path_m[after] - path_m[first] < LEAST_SLIP_M:
+            continue
+        starts = [start for start, end in events if start < after and end > first]
+        late = 1e3 * (r.t_s[max(starts[0], first)] - r.t_s[first]) if starts else np.inf
+        delays_ms.append(late)
+    return np.array(delays_ms, np.float64)
 
 
 # Slip that lasts
