@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from detector.interface import DETECTORS, SECTIONS
 from detector.recordings import Recording
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.detector import check_named
+from grasp.cli.detector import check_named, warn_of_untuned_rule
 from grasp.cli.options import check_writable, workers
 from grasp.cli.output import progress, show
 from grasp.files import make_private_folder, write_whole
@@ -36,16 +35,13 @@ def benchmark(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
 
-    names = list(dict.fromkeys(args.detector or DETECTORS))
+    names, pool = list(dict.fromkeys(args.detector or DETECTORS)), workers(args)
     layout = [path] if (path := layout_file(args.layout)) else []
-    files, pool = [*layout, *(args.config or ())], workers(args)
     _check_settings(args)
-    check_named(names, files, args.set)
     protocol = load_protocol()
     check_digest(protocol, args.split)
     real = _real(args.recording or ())
-    configs = [load_config("can", "simulated", name, files, args.set).for_lift() for name in names]
-    _check_taxels(configs, real)
+    configs = _configs(names, [*layout, *(args.config or ())], args.set, real)
     costs = {config.detector_label: cost(config) for config in configs}
     make_private_folder(args.out)
     made: list[Any] = []
@@ -74,9 +70,11 @@ def benchmark(args: argparse.Namespace) -> int:
                 write_whole(out, content, private=True)
                 write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
     except KeyboardInterrupt:
-        kept = f"{len(made)} of {len(names)} detectors are in {out}" if made else "nothing is kept"
-        remedy = "repeat it with the others and another --out; the recordings are kept"
-        return exits.report("interrupted", kept, remedy, args.json)
+        kept = "interrupted before any detector was measured", "run it again: recordings are kept"
+        if made:
+            kept = (f"interrupted; {len(made)} of {len(names)} detectors are in {out}",
+                    "rename that file and run the others: recordings are kept")  # fmt: skip
+        return exits.report("interrupted", *kept, args.json)
     from grasp.cli.recordings import write_page
 
     pages = [write_page(out), *_chart(file, costs, out)]
@@ -106,14 +104,28 @@ def _real(paths: Sequence[Path]) -> dict[str, list[Recording]]:
     return found
 
 
-def _check_taxels(configs: Sequence[Any], real: dict[str, list[Recording]]) -> None:
-    """Raise UsageError for a detector that cannot read a real recording."""
-    for name, recordings in real.items():
-        for config, each in product(configs, recordings):
+def _configs(
+    names: Sequence[str], files: Sequence[Path], assignments: Sequence[str],
+    real: dict[str, list[Recording]],
+) -> list[Any]:  # fmt: skip
+    """Settings of each detector. Raises UsageError for one that cannot read a real recording, and
+    as ``check_named``."""
+    from scenarios.campaign.config import load_config
+    from scenarios.trial.layers import trial_layers
+
+    check_named(names, files, assignments)
+    configs = []
+    for name in names:
+        given = ("can", "simulated", name, files, assignments)
+        config = load_config(*given).for_lift()
+        warn_of_untuned_rule(config, trial_layers(*given))
+        for clip, each in ((clip, each) for clip, parts in real.items() for each in parts):
             try:
                 config.make_detector(each.fingers, each.taxels)
             except UsageError as error:
-                raise UsageError(f"{name}: {error.message}", error.remedy) from None
+                raise UsageError(f"{clip}: {error.message}", error.remedy) from None
+        configs.append(config)
+    return configs
 
 
 def _command(args: argparse.Namespace, names: list[str]) -> str:

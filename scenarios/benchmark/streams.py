@@ -239,10 +239,9 @@ def _grounded(slides: Labels) -> Labels:
     within LATE samples, or will within EARLY, because the pad shears before it slides."""
     shifts = range(-EARLY, LATE + 1)
     padded = np.pad(slides, (LATE, EARLY))
-    near: Labels = np.logical_or.reduce(
-        [padded[LATE - k : len(padded) - EARLY - k] for k in shifts]
-    )
-    return near
+    near = [padded[LATE - k : len(padded) - EARLY - k] for k in shifts]
+    grounded: Labels = np.logical_or.reduce(near)
+    return grounded
 
 
 def false_alarms(s: Streamed, rule: RuleSettings) -> Alarms:

@@ -166,7 +166,9 @@ def _recordings(every: Sequence[DetectorResult]) -> Table:
         "while hand or arm moves": lambda d: _value(d.streams.false_per_min_actuation),
         "samples right (balanced), %": lambda d: _share(d.streams.balanced_accuracy),
         "AUC": lambda d: _value(d.streams.auc, 3),
-    }, "Balanced accuracy and AUC: of the paper's strokes.")  # fmt: skip
+    }, "Slips: true slides of 0.5 mm or more. False alarm: an event that begins although nothing "
+       "slides from 0.1 s before to 0.3 s after. Balanced accuracy and AUC: of the paper's strokes."
+    )  # fmt: skip
 
 
 def _lasting(every: Sequence[DetectorResult]) -> Table:

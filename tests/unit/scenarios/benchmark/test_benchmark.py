@@ -3,16 +3,20 @@
 from itertools import count
 
 import msgspec
+import numpy as np
 import pytest
 
+from detector.decision import RuleSettings
 from detector.network_file import packaged_networks
+from detector.scores.evaluation import Streamed
 from drivers.errors import ConfigError, UsageError
 from grasp.settings import file_of, names
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.benchmark.lifts import CHEATED, run_lift, tasks
 from scenarios.benchmark.protocol import check_digest, load_evaluated, load_protocol
 from scenarios.benchmark.run import Benchmark, cost
-from scenarios.benchmark.streams import score_taps, stream_files
+from scenarios.benchmark.streams import false_alarms, score_taps, stream_files
+from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, nothing_shown, settings
 
 PEEKS = (
@@ -66,6 +70,20 @@ def test_a_late_detector_has_late_lifts_and_no_right_tap(
         streamed = stream_files(config, files, HERE, nothing_shown)["mallet"]
         moved = [tap for tap in score_taps(streamed, config.rule) if tap.moved]
         assert any(tap.right for tap in moved) == some
+
+
+def test_an_event_is_no_false_alarm_shortly_before_and_after_true_sliding() -> None:
+    recording = toy(1, "validation")
+    slides = np.zeros_like(recording.slip)
+    slides[400:450] = True
+    recording = msgspec.structs.replace(recording, slip=~slides, slip_true=slides)
+    rule = RuleSettings(consecutive=1, release=1)
+    for at, false in ((50, 0), (200, 1), (369, 1), (370, 0), (459, 0), (460, 1)):
+        p = np.zeros((len(slides), 1))
+        p[at] = 1.0
+        found = false_alarms(Streamed(recording, p, np.empty(0)), rule)
+        assert found.false == false, at
+        assert found.hand_s == pytest.approx((900 - 100 - 90) * 0.01 / 3), "one finger of a hand"
 
 
 def test_a_detector_slower_than_the_samples_is_refused() -> None:

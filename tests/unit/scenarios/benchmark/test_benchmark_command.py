@@ -89,7 +89,7 @@ def test_an_interrupted_benchmark_keeps_the_detectors_that_ended(
 
     monkeypatch.setattr(run.Benchmark, "detector", interrupted)
     assert benchmark("energy", "psd", "--out", str(tmp_path)) == 130
-    assert f"1 of 2 detectors are in {tmp_path}/benchmark.json" in capsys.readouterr().err
+    assert f"; 1 of 2 detectors are in {tmp_path}/benchmark.json" in capsys.readouterr().err
     file, _ = run.read_benchmark(tmp_path / "benchmark.json")
     assert [each.detector for each in file.detectors] == ["energy"]
 
