@@ -27,6 +27,7 @@ MAX_FILE_BYTES = 500_000  # the packaged files have a thirtieth of it
 OUTPUTS = 2 + SECTORS  # logarithm of the speed, log-odds of turning, scores of the directions
 ENERGY_SAMPLES, MIN_ENERGY = 10, 0.1  # counts a sample: a tenth of the energy of a taxel at rest
 COUNTS_SCALE = 130.0
+SHIFT_COUNTS = np.float32(8.0)
 REMEDY = "train it again (`python -m studies slip_types --train` in the source), or remove it"
 Float32s = NDArray[np.float32]
 Counts = NDArray[np.int16] | Float32s
@@ -93,15 +94,19 @@ class AuxiliaryOutputs:
 
 def inputs_of(states: Mapping[str, Float32s], counts: Counts) -> Float32s:
     """Inputs of the first layer (n, width): a summary of the network's states (n, numbers), the
-    frame (n, taxels) that caused them, and the energy of the last 100 ms."""
-    latest = abs(states[CHANGES_STATE][:, -ENERGY_SAMPLES * counts.shape[1] :])
-    energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(MIN_ENERGY))
+    frame (n, taxels) that caused them, its changes in the last 100 and 380 ms, and the energy of
+    the last 100 ms. A mirrored network knows no direction: the changes have it."""
+    changes = states[CHANGES_STATE].reshape(len(counts), -1, counts.shape[1])
+    latest = changes[:, -ENERGY_SAMPLES:]
+    energy = np.log(abs(latest).mean(axis=(1, 2))[:, None] + np.float32(MIN_ENERGY))
+    moved = [np.arcsinh(part.sum(axis=1) / SHIFT_COUNTS) for part in (latest, changes)]
     if FEATURES_STATE in states:  # a gated tcn: latest features, and the maximum of each
         features = states[FEATURES_STATE].reshape(len(states[FEATURES_STATE]), FEATURE_SAMPLES, -1)
         summary: tuple[Float32s, ...] = (features[:, -1], features.max(axis=1))
     else:
         summary = (states[HIDDEN_STATE],)
-    return np.concatenate([*summary, counts / np.float32(COUNTS_SCALE), energy], axis=1)
+    frame = counts / np.float32(COUNTS_SCALE)
+    return np.concatenate([*summary, frame, *moved, energy], axis=1, dtype=np.float32)
 
 
 def input_width(loaded: LoadedNetwork) -> int:

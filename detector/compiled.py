@@ -378,6 +378,7 @@ OPERATORS: dict[str, Any] = {
     "Tanh": _function(TANH), "Sigmoid": _function(SIGMOID), "Selu": _function(SELU),
     "Sqrt": _function(SQRT), "Asinh": _function(ASINH),
     "Relu": lambda t, x: t.elementwise(MAX, x, t.constant(0.0)),
+    "Abs": lambda t, x: t.elementwise(MAX, x, t.elementwise(MUL, x, t.constant(-1.0))),
     "Gemm": _Translation.gemm, "MatMul": _Translation.gemm, "Conv": _Translation.conv,
     "LayerNormalization": _Translation.layer_norm, "GRU": _Translation.gru,
     "ReduceMax": _Translation.reduce_max, "Slice": _Translation.slice,

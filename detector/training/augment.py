@@ -35,6 +35,22 @@ def symmetries(taxels: int) -> NDArray[np.intp]:
     ])  # fmt: skip
 
 
+def modes(taxels: int) -> tuple[NDArray[np.float32], int]:
+    """Orthonormal modes (taxels, taxels) of a pad, in columns, and how many are symmetric. These
+    come first; a mirror image may change the sign of the others, not their size."""
+    orders, columns = symmetries(taxels), []
+    for sign_x, sign_y in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
+        signs = np.array([1, sign_x, sign_y, sign_x * sign_y])
+        for taxel in sorted({min(order) for order in orders.T.tolist()}):
+            mode = np.zeros(taxels)
+            np.add.at(mode, orders[:, taxel], signs)
+            if mode.any():
+                columns.append(mode / np.linalg.norm(mode))
+        if (sign_x, sign_y) == (1, 1):
+            symmetric = len(columns)
+    return np.array(columns, np.float32).T, symmetric
+
+
 def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floats:
     """Augmented copy of a batch (batch, time, taxels) in counts."""
     if how == "paper":

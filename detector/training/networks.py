@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from detector.recordings import Recording
+from detector.training.augment import modes
 from detector.training.settings import (
     NORM_EPS,
     SHIFT_MEAN,
@@ -28,15 +29,18 @@ WINDOWS_AT_ONCE = 512
 
 class Features(nn.Module):
     """Standardised counts, changes from sample to sample, and shifts from a lagged mean; both are
-    scaled by ``asinh``: linear for the noise of a taxel at rest, logarithmic for slip."""
+    scaled by ``asinh``: linear for the noise of a taxel at rest, logarithmic for slip. If
+    ``mirrored``, of the pad's modes, without the sign of those that a mirror image turns."""
 
     mean: Tensor  # (taxels,) counts
     std: Tensor  # (taxels,) counts
     change_scale: Tensor  # () counts a sample
 
-    def __init__(self, inputs: tuple[Input, ...], taxels: int) -> None:
+    def __init__(self, inputs: tuple[Input, ...], taxels: int, mirrored: bool) -> None:
         super().__init__()
-        self.inputs, self.taxels = inputs, taxels
+        self.inputs, self.taxels, self.mirrored = inputs, taxels, mirrored
+        matrix, self.symmetric = modes(taxels)
+        self.modes = torch.from_numpy(matrix)
         self.register_buffer("mean", torch.zeros(taxels))
         self.register_buffer("std", torch.ones(taxels))
         self.register_buffer("change_scale", torch.ones(()))
@@ -53,11 +57,17 @@ class Features(nn.Module):
     def scaled(self, counts: Tensor, changes: Tensor, shifts: Callable[[], Tensor]) -> Tensor:
         """Scaled features (..., width) from counts, changes and shifts (..., taxels)."""
         parts = {
-            "counts": lambda: (counts - self.mean) / self.std,
-            "changes": lambda: torch.asinh(changes / self.change_scale),
-            "shifts": lambda: torch.asinh(shifts() / SHIFT_SCALE_COUNTS),
+            "counts": lambda: self._sized((counts - self.mean) / self.std),
+            "changes": lambda: torch.asinh(self._sized(changes) / self.change_scale),
+            "shifts": lambda: torch.asinh(self._sized(shifts()) / SHIFT_SCALE_COUNTS),
         }
         return torch.cat([parts[name]() for name in self.inputs], dim=-1)
+
+    def _sized(self, x: Tensor) -> Tensor:
+        if not self.mirrored:
+            return x
+        symmetric, others = x @ self.modes[:, : self.symmetric], x @ self.modes[:, self.symmetric :]
+        return torch.cat([symmetric, others.abs()], dim=-1)
 
 
 def shifts(changes: Tensor) -> Tensor:
@@ -132,7 +142,7 @@ class SlipTcn(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs, arch.taxels)
+        self.features = Features(arch.inputs, arch.taxels, arch.mirrored)
         widths = [self.features.width] + [arch.channels] * (len(arch.dilations) - 1)
         self.blocks = nn.ModuleList(Block(width, arch) for width in widths)
         self.head = Head(arch)
@@ -174,7 +184,7 @@ class GatedTcn(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs, arch.taxels)
+        self.features = Features(arch.inputs, arch.taxels, arch.mirrored)
         self.enter = nn.Linear(self.features.width, arch.channels)
         self.blocks = nn.ModuleList(GatedBlock(arch) for _ in arch.dilations)
         self.out = nn.Linear(2 * arch.channels, arch.outputs)
@@ -201,7 +211,7 @@ class SlipGru(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs, arch.taxels)
+        self.features = Features(arch.inputs, arch.taxels, arch.mirrored)
         self.gru = nn.GRU(self.features.width, arch.channels, batch_first=True)
         self.drop = nn.Dropout(arch.dropout)
         self.out = nn.Linear(arch.channels, arch.outputs)
@@ -217,7 +227,7 @@ class FrequencyCnn(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs, arch.taxels)
+        self.features = Features(arch.inputs, arch.taxels, arch.mirrored)
         self.conv1, self.norm1 = nn.Conv2d(WINDOW // 2 + 1, 50, 3, padding=1), nn.BatchNorm2d(50)
         self.conv2, self.norm2 = nn.Conv2d(50, 20, 2), nn.BatchNorm2d(20)
         self.dense1, self.norm3 = nn.Linear(40, 40), nn.BatchNorm1d(40)

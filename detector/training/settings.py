@@ -38,6 +38,7 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
     gated: bool = False  # of a tcn: one gated convolution a block, a linear head on all of them
     held: int = 1  # of a gated tcn: samples of the running maximum in the head
+    mirrored: bool = False  # a mirror image of the pad has the same inputs
 
     @property
     def memory(self) -> int:
@@ -70,9 +71,11 @@ ARCHITECTURES = {
     # as the label of an impact (IMPACT_SAMPLES), which reaches the fingers one after another.
     "tcn": Architecture(
         family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
-        held=15, dropout=0.0, outputs=1, streaming=True,
+        held=15, dropout=0.0, outputs=1, streaming=True, mirrored=True,
     ),
-    "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
+    "gru": Architecture(
+        family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True, mirrored=True
+    ),
     "freq-cnn-paper": Architecture(family="freq-cnn"),
 }  # fmt: skip
 
