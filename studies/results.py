@@ -1,7 +1,7 @@
 """All measured figures of the project: results/*.csv, docs/results.md and its charts.
 
 Each part writes results/PART.csv. A part whose file exists is run again only with `--again`, and an
-interrupted part continues from what its studies have stored. The part `real` needs `--real`.
+interrupted part continues from what its studies have stored.
 """
 
 import math
@@ -20,7 +20,6 @@ from typing import Any
 import msgspec
 
 from detector.scores.quantiles import quantiles
-from drivers.errors import UsageError
 from grasp.cli.options import share, whole
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
@@ -40,7 +39,7 @@ from scenarios.rigs.workers import Workers
 from studies import difficulty_sweep, drop_rate, runner
 from studies import results_page as pages
 from studies.physics_levels import ERRORS_MM, MUJOCO, ONE_AXIS, SCENES, cheapest
-from studies.results_detectors import detectors, real
+from studies.results_detectors import benchmark, detectors
 from studies.results_page import Made, Row, median, percent
 
 SUMMARY = "all measured figures: results/*.csv and docs/results.md (`make results`)"
@@ -80,7 +79,7 @@ class Run(msgspec.Struct, frozen=True):
     work: Path
     folder: Path
     jobs: int
-    real: Path  # used by the part `real` only
+    real: Path | None  # a labelled recording, for the part `benchmark`
 
     def data(self, name: str) -> Path:
         """Folder of a data set; missing recordings are made."""
@@ -267,7 +266,8 @@ def timing(run: Run) -> Made:
 
 PARTS: dict[str, Callable[[Run], Made]] = {
     part.__name__: part
-    for part in (detectors, campaign, hands, responses, contact, real, timing, difficulty, drops)
+    for part in (benchmark, detectors, campaign, hands, responses, contact, timing, difficulty,
+                 drops)
 }  # fmt: skip
 
 
@@ -289,17 +289,15 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--jobs", type=whole(1, 256), default=2, metavar="N",
                         help="worker processes (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(words)
-    if "real" in args.only and args.real is None:
-        raise UsageError("the part real has no recording", "give --real FILE (make: REAL=FILE)")
     settings = load(Settings, [read_toml(args.settings)])
     kept = pages.Kept(args.out)
-    for name in args.only or (part for part in PARTS if args.real or part != "real"):
+    for name in args.only or PARTS:
         if args.again:
             shutil.rmtree(args.work / name, ignore_errors=True)
         if args.again or not kept.csv(name).exists():
             print(f"{name} ...", flush=True)
             start = time.monotonic()
-            run = Run(settings, args.work, args.work / name, args.jobs, args.real or Path())
+            run = Run(settings, args.work, args.work / name, args.jobs, args.real)
             made = PARTS[name](run)
             rows, more = made if isinstance(made, tuple) else (made, None)
             kept.add(name, rows, more, time.monotonic() - start)

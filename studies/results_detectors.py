@@ -19,9 +19,11 @@ from detector.scores.evaluation import (
 )
 from detector.scores.events import EventOutcomes
 from detector.scores.quantiles import quantile, quantiles
-from detector.scores.sweep import rules, sweep
+from drivers.errors import GraspError
 from drivers.interfaces import FINGERS
-from scenarios.benchmark.data_sets import read_labelled
+from grasp.cli import main as cli
+from grasp.cli.benchmark import FILE
+from scenarios.benchmark.run import read_benchmark
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
@@ -55,20 +57,20 @@ def alarms(item: str, made: Contender, judged: Sequence[EventOutcomes]) -> Row:
 
 
 def detectors(run: "Run") -> Made:
-    """The paper's Table II, and the curves of the chart."""
+    """The paper's Table II."""
     test, thresholds = str(run.data("paper")), str(run.data("thresholds"))
     names = run.settings.detectors
     tasks = [Task(name, test, thresholds) for name in names]
-    found = {name: (rows, curve) for name, rows, curve in results(score, tasks, Workers(run.jobs))}
-    rows = [row for name in names for row in (*found[name][0], update_cost(name))]
+    found = dict(results(score, tasks, Workers(run.jobs)))
+    rows = [row for name in names for row in (*found[name], update_cost(name))]
     slip = np.concatenate([r.slip[WARM_UP_SAMPLES:] for r in read_split([Path(test)], "all")])
     static = 100 * float(np.mean(~slip))
     rows += [Row("always static", m, static, n=len(slip)) for m in (ACCURACY, AT_BEST)]
-    return rows, {name: found[name][1] for name in names}
+    return rows
 
 
-def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]:
-    """Name, rows, and median delay and false alarms of every threshold, the rule's first."""
+def score(task: Task) -> tuple[str, list[Row]]:
+    """Name and rows."""
     name, made = task.detector, task.streamed(task.test)
     sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
     judged = [score_stream(s, rule).events for s in streams]
@@ -89,10 +91,7 @@ def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]
     ]  # fmt: skip
     if name in PAPER_METHODS:
         rows.append(Row(name, "paper: accuracy, %", PAPER_METHODS[name][0]))
-    own = [r for r in rules(rule) if msgspec.structs.replace(r, threshold=rule.threshold) == rule]
-    points = sweep(streams, [rule, *own])
-    return name, rows, [(p.delay_ms if math.isfinite(p.delay_ms) else None, p.false_per_min)
-                        for p in points]  # fmt: skip
+    return name, rows
 
 
 def scored(streamed: Streamed, made: Contender) -> tuple[Any, Any]:
@@ -139,11 +138,25 @@ def update_cost(name: str, updates: int = 3000) -> Row:
     return median(name, "one update, ms", quantiles(spent_ms[updates // 10 :]))
 
 
-def real(run: "Run") -> Made:
-    """The recording of a real fingertip, which is not part of the repository."""
-    recordings, rows = read_labelled(run.real), []
-    for name in run.settings.detectors:
-        sheet = contender(name, recordings, "all").evaluation()
-        auc = between(name, "AUC", sheet.auc, sheet.intervals["auc"], sheet.n_samples)
-        rows += [accuracy(name, sheet), auc]
-    return rows
+def benchmark(run: "Run") -> Made:
+    """`grasp benchmark` of all detectors on the split `test`."""
+    real = ("--recording", str(run.real)) if run.real else ()
+    words = ("benchmark", *run.settings.detectors, "--out", str(run.folder), *real)
+    if cli.main([*words, "--jobs", str(run.jobs)]):
+        raise GraspError("the benchmark did not finish", "its message is above")
+    file, costs = read_benchmark(run.folder / FILE)
+    rows = []
+    for each in file.detectors:
+        p, s, lasting = each.point, each.streams, each.streams.sustained
+        for measure, f, factor in (
+            ("right, %", p.right, 100.0), ("lifts right, %", p.lifts_right, 100.0),
+            ("taps right, %", p.taps_right, 100.0), ("lasting slip reported, %", lasting, 100.0),
+            ("false alarms a minute", s.false_per_min, 1.0), ("AUC", s.auc, 1.0),
+            *((f"AUC, {name}", f, 1.0) for name, f in each.real.items()),
+        ):  # fmt: skip
+            value, low, high = (None if x is None else factor * x for x in (f.value, f.low, f.high))
+            rows.append(Row(each.detector, measure, value, low, high))
+        p50, p90 = (math.inf if d is None else d for d in (p.delay_p50_ms, p.delay_p90_ms))
+        rows.append(Row(each.detector, "delay p50, ms", p50, None, p90))
+        rows.append(Row(each.detector, "update, µs", costs[each.detector].update_us))
+    return rows, {"file": msgspec.to_builtins(file), "costs": msgspec.to_builtins(costs)}

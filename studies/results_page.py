@@ -15,14 +15,15 @@ import msgspec
 
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
+from scenarios.benchmark.run import BenchmarkFile, Cost
 from scenarios.campaign.summary import wilson
+from scenarios.report.benchmark_chart import draw_benchmark
 from studies import difficulty_sweep, physics_levels
 from studies.runner import Study, draw, markdown
 
 ROOT = Path(__file__).parents[1]
 ACCURACY = "accuracy at the packaged threshold, %"
 AT_BEST = "accuracy at the best threshold, %"
-SHOWN_MS, LEAST_PER_MIN = 300.0, 0.1  # ends of the axes of the chart
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -170,7 +171,7 @@ def page(topics: Sequence[Topic], intro: str, kept: Kept) -> str:
 def command(*parts: str) -> str:
     """Makes these parts again."""
     names = f'"{" ".join(parts)}"' if len(parts) > 1 else parts[0]
-    return f"make results ONLY={names}" + " REAL=FILE" * ("real" in parts)
+    return f"make results ONLY={names}" + " REAL=FILE" * ("benchmark" in parts)
 
 
 def claims_table(claims: Sequence[Claim], kept: Kept) -> str:
@@ -231,13 +232,11 @@ def spread(row: Row) -> str:
     return high if row.low is None else f"{number(row, row.low)}\N{EN DASH}{high}"
 
 
-class Curve(msgspec.Struct, frozen=True):
-    """Median delay in ms (None: missed) and false alarms a minute of every threshold, that of the
-    packaged rule first."""
+class Scored(msgspec.Struct, frozen=True):
+    """What the chart of the benchmark needs."""
 
-    detector: str
-    points: list[tuple[float | None, float]]
-    accuracy: Row
+    file: BenchmarkFile
+    costs: dict[str, Cost]
 
 
 def charts(kept: Kept) -> None:
@@ -245,14 +244,12 @@ def charts(kept: Kept) -> None:
     if find_spec("matplotlib") is None:
         print("without charts, which need the extra `charts` (make install-charts)")
         return
-    curves, lifts, points = (
-        kept.folder / f"{name}.json" for name in ("detectors", "difficulty", "contact")
+    scores, lifts, points = (
+        kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )
-    if curves.exists():
-        rows = {row.item: row for row in kept.rows("detectors") if row.measure == ACCURACY}
-        found = msgspec.json.decode(curves.read_bytes(), type=dict[str, list[Any]])
-        drawn = [Curve(name, points, rows[name]) for name, points in found.items()]
-        _draw(speed_chart, drawn, kept.figures / "detectors.svg", (11.0, 4.8))
+    if scores.exists():
+        scored = msgspec.json.decode(scores.read_bytes(), type=Scored)
+        draw_benchmark(scored.file, scored.costs, kept.figures / "benchmark.svg")
     if points.exists():
         costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])
         _draw(physics_levels.chart, costs, kept.figures / "contact.svg", (11.0, 5.5))
@@ -264,22 +261,3 @@ def charts(kept: Kept) -> None:
 def _draw(chart: Any, rows: Sequence[Any], out: Path, size: tuple[float, float]) -> None:
     nothing: Any = None
     draw(Study("", nothing, nothing, Row, nothing, chart, figure_size=size), rows, out)
-
-
-def speed_chart(curves: Sequence[Curve], figure: Any) -> None:
-    """Delay on both horizontal axes; a dot is the packaged rule."""
-    alarms, accuracy = figure.subplots(1, 2, sharex=True)
-    for line, each in enumerate(curves):
-        at = [(SHOWN_MS if ms is None else min(ms, SHOWN_MS), max(rate, LEAST_PER_MIN))
-              for ms, rate in each.points]  # fmt: skip
-        (x, y), a, look = at[0], each.accuracy, {"color": f"C{line}", "label": each.detector}
-        alarms.plot(*zip(*at[1:], strict=True), color=f"C{line}", lw=1.0)
-        alarms.plot(x, y, "o", **look)
-        accuracy.plot(x, a.value, "o", **look)
-        accuracy.plot([x, x], [a.low, a.high], color=f"C{line}", lw=1.0)
-    alarms.set(yscale="log", ylabel="false alarms a minute of a hand", xlim=(0.0, SHOWN_MS + 5.0))
-    accuracy.set(ylabel="accuracy at own threshold, %")
-    accuracy.legend(fontsize=8, frameon=False)
-    for axes in (alarms, accuracy):
-        axes.set_xlabel(f"median delay of slip, ms ({SHOWN_MS:.0f}: later or missed)")
-        axes.grid(alpha=0.3)

@@ -7,15 +7,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from drivers.errors import UsageError
 from grasp.settings import load, read_toml
 from studies import results, results_page
-from studies.results_page import Kept, Row, Topic, page, speed_chart
+from studies.results_page import Kept, Row, Topic, page
 
 TOPICS = [
     {"title": "Beside the paper", "text": "Six rows.", "claims": [
         ["lift success, %", "72.5", "lifts", "can", "held, %"],
-        ["real recording", "", "real", "tcn", "AUC"],
+        ["real recording", "", "benchmark", "tcn", "AUC"],
     ]},
     {"title": "Lifts", "text": "Two objects.", "tables": [
         ["lifts", "object", {"held, %": "held, %", "slip, mm": "default: slip p50, mm"}],
@@ -56,7 +55,7 @@ def test_page_is_made_from_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert lines[0] == "# Results" and "in 2 minutes" in lines[2] and "All simulated." in text
     assert "| lift success, % | 72.5 | 97.5 | 91.2–100.0 |" in lines
     assert "| real recording |  | not given |  |" in lines
-    assert '`make results ONLY="lifts real" REAL=FILE`' in lines
+    assert '`make results ONLY="lifts benchmark" REAL=FILE`' in lines
     assert "| can | 97.5 (91.2–100.0) | 1 (2.35) |" in lines
     assert "| object | slip, mm | ms |" in lines
     assert "| ball | never (never) | 1,234 |" in lines
@@ -77,31 +76,16 @@ def test_a_part_that_is_done_is_run_again_only_when_asked(
 ) -> None:
     calls: list[Path | None] = []
 
-    def real(run: results.Run) -> list[Row]:
+    def benchmark(run: results.Run) -> list[Row]:
         calls.append(run.real)
-        return [Row("tcn", "AUC", 0.5)]
+        return [Row("tcn", "right, %", 50.0)]
 
-    monkeypatch.setattr(results, "PARTS", {"real": real})
+    monkeypatch.setattr(results, "PARTS", {"benchmark": benchmark})
     monkeypatch.delenv("REAL", raising=False)
     words = ["--out", str(tmp_path), "--work", str(tmp_path / "work"), "--real", "clip.csv"]
     for more in ([], [], ["--again"]):
         assert results.main([*words, *more]) == 0
     assert calls == [Path("clip.csv")] * 2
-    assert "| tcn |  | 0.5 |" in (tmp_path / "docs/results.md").read_text()
-    with (tmp_path / "results/real.csv").open(newline="") as file:
-        assert [line["value"] for line in csv.DictReader(file)] == ["0.5"]
-    assert results.main([*words[:4], "--again"]) == 0 and len(calls) == 2  # no recording: kept
-    with pytest.raises(UsageError, match="no recording"):
-        results.main([*words[:4], "--only", "real"])
-
-
-def test_chart_has_a_curve_a_detector(tmp_path: Path) -> None:
-    figures = pytest.importorskip("matplotlib.figure")
-    from studies.results_page import ACCURACY, Curve
-
-    figure = figures.Figure()
-    points = [(50.0, 2.0), (40.0, 9.0), (None, 0.0)]
-    speed_chart([Curve("tcn", points, Row("tcn", ACCURACY, 90.0, 88.0, 92.0))], figure)
-    left, right = figure.axes
-    assert left.lines[0].get_xydata().tolist() == [[40.0, 9.0], [300.0, 0.1]]
-    assert right.lines[0].get_xydata().tolist() == [[50.0, 90.0]]
+    assert "| tcn | 50.0 |" in (tmp_path / "docs/results.md").read_text()
+    with (tmp_path / "results/benchmark.csv").open(newline="") as file:
+        assert [line["value"] for line in csv.DictReader(file)] == ["50"]
