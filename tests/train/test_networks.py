@@ -11,6 +11,7 @@ torch = pytest.importorskip("torch")
 
 from detector.network import run_network  # noqa: E402
 from detector.network_file import NetworkCard, read_network  # noqa: E402
+from detector.training.augment import symmetries  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
 from detector.training.networks import build  # noqa: E402
 from detector.training.settings import ARCHITECTURES, WINDOW  # noqa: E402
@@ -97,6 +98,16 @@ def test_the_paper_s_networks_have_the_published_numbers_of_parameters() -> None
     cnn = build(ARCHITECTURES["freq-cnn-paper"])
     statistics = sum(b.numel() for n, b in cnn.named_buffers() if "running" in n)
     assert parameters(cnn) + statistics == 30_042
+
+
+@pytest.mark.parametrize("name", ["tcn", "gru"])
+def test_the_mirror_images_of_a_pad_have_equal_probabilities(name: str) -> None:
+    made, counts = network(name), walk(200)
+    with torch.no_grad():
+        images = [made(as_batch(counts[:, :, order])) for order in symmetries(6)]
+        other = made(as_batch(counts[:, :, [1, 0, 2, 3, 4, 5]]))
+    assert all(torch.allclose(images[0], image, atol=TOLERANCE) for image in images)
+    assert not torch.allclose(images[0], other, atol=100 * TOLERANCE)
 
 
 def test_no_output_of_the_tcn_depends_on_more_than_the_window() -> None:
