@@ -71,6 +71,8 @@ class GraspController:
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
         self._firm = False  # the closing to the force limit has been commanded
         self._loading_steps = 0  # counts that fingers without load have closed further
+        # the first finger that bore nothing, and the force at the thumb then
+        self._unloaded: tuple[int, float] | None = None
         self._commands: list[Command] = []  # this and the next two: of the present step
         self._reset_detector = self._first_grasp = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
@@ -238,17 +240,27 @@ class GraspController:
     def _load_finger(self, obs: Observation, finger: int) -> None:
         """Close a finger that bears nothing by one count, or end the run where it may not close
         further: an object between two fingers slides without a registered slip."""
-        cause, limit_n = f"finger {FINGER_NAMES[finger]} bears nothing", self._plan.force_cap_n
-        steps, targets = self._loading_steps, list(obs.gripper.requested)
+        limit_n, steps, targets = (
+            self._plan.force_cap_n, self._loading_steps, list(obs.gripper.requested)
+        )  # fmt: skip
+        first, thumb_before_n = self._unloaded or (finger, obs.estimated_n[0])
+        self._unloaded = first, thumb_before_n
+        # pressing one finger can unload the other, so the first one is named
+        cause = f"finger {FINGER_NAMES[first]} bears nothing"
+        silent = obs.estimated_n[first] < LOADED_SHARE * self._settings.contact_n
+        rise_n = obs.estimated_n[0] - thumb_before_n
+        dead = silent and steps >= 2 and rise_n > self._settings.contact_n
         targets[finger] += 1
         thumb_n = obs.estimated_n[0] + self._plan.stiffness.newtons_per_count
         closable = targets[finger] <= CLOSED_COUNTS[finger] and thumb_n <= limit_n
-        if closable and steps < LOADING_STEPS and not self._firm:
+        if closable and steps < LOADING_STEPS and not (self._firm or dead):
             self._loading_steps += 1
             a, b, c = targets
             self._transition(Trigger.TIGHTEN, obs, cause, self._grip((a, b, c)))
             return
-        load = f"its fingertip shows {obs.estimated_n[finger]:.2f} N after {steps} more counts"
+        load = f"its fingertip shows {obs.estimated_n[first]:.2f} N after {steps} more counts"
+        if dead:
+            load += f", while the thumb rose by {rise_n:.1f} N: the fingertip may be dead"
         most = f"at most {LOADING_STEPS} are tried, while the thumb stays within {limit_n:g} N"
         self._fail(obs, f"{cause}: {load}; {most}", UNLOADED_REMEDY)
 

@@ -119,6 +119,7 @@ def _configs(
         given = ("can", "simulated", name, files, assignments)
         config = load_config(*given).for_lift()
         warn_of_untuned_rule(config, trial_layers(*given))
+        config.make_detector(1)  # the paper's recordings are of one finger
         for clip, each in ((clip, each) for clip, parts in real.items() for each in parts):
             try:
                 config.make_detector(each.fingers, each.taxels)

@@ -3,7 +3,8 @@
 Half of the lifts start with a grip that is too weak, half with a sufficient one, and a quarter of
 the objects are fragile: those break at a multiple of the force that they need, so the hand responds
 with `stop_and_step`. A lift is done right if the object is held at the end, no slip of 2 mm or more
-was missed, nothing was registered before slip began, and a fragile object is whole.
+was missed, nothing was registered before slip began, the slip is below 20 mm, and a fragile object
+is whole.
 """
 
 import math
@@ -40,12 +41,13 @@ from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.truth import Truth
 
 MISSED_M = 0.002  # a slip of this that was never registered
+FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
 SMOOTH_M = 0.0001  # texture rms; slip on smoother surfaces causes little vibration
 MAX_TRIES = 1000
 FRAGILE = {"controller.slip_response": "stop_and_step", "controller.margin_steps": 1}
-RIGHT, TOO_EARLY, GROUNDLESS, MISSED, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
-    "right", "answered before slip", "answered without slip", "missed", "lost", "crushed",
-    "alarm stayed", "not a function of the counts", "fault or excess force",
+RIGHT, TOO_EARLY, GROUNDLESS, MISSED, SLID, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
+    "right", "answered before slip", "answered without slip", "missed", "slid 20 mm", "lost",
+    "crushed", "alarm stayed", "not a function of the counts", "fault or excess force",
 )  # fmt: skip
 ORACLE_RULE = RuleSettings(consecutive=1, release=1)
 
@@ -182,12 +184,15 @@ def verdict(result: LiftResult, grip: Grip, fragile: bool, peak_n: float) -> str
     outcome = result.outcome
     if outcome == LiftOutcome.FALSE_START:
         return GROUNDLESS if result.slip_onset_s is None else TOO_EARLY
+    slip_m = result.slip_distance_m or 0.0
+    if slip_m >= MISSED_M and result.slip_registered_s is None:
+        return MISSED  # also where the hand closed because it had lost contact
     if fragile and peak_n > grip.crush_n:
         return CRUSHED
     if outcome in SUCCESSES or outcome in (LiftOutcome.NEVER_SLIPPED, LiftOutcome.BEYOND_12CM):
-        return RIGHT
+        return RIGHT if slip_m < FAR_M else SLID
     if outcome == LiftOutcome.UNDETECTED:
-        return RIGHT if (result.slip_distance_m or 0.0) < MISSED_M else MISSED
+        return RIGHT
     if outcome in (LiftOutcome.DROPPED, LiftOutcome.EXPELLED):
         return MISSED if result.slip_registered_s is None else LOST
     if outcome in (LiftOutcome.CAP_REACHED, LiftOutcome.ALARM_STAYED):

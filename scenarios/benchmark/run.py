@@ -4,6 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -157,8 +158,10 @@ class Benchmark(msgspec.Struct, frozen=True):
 
     def kept_oracle(self, config: LiftConfig, path: Path) -> list[Point]:
         """``oracle``, from that file if it is there, else written to it. Raises OSError."""
-        if path.exists():
-            return msgspec.json.decode(path.read_bytes(), type=list[Point])
+        with suppress(OSError, msgspec.MsgspecError):  # a damaged file is measured again
+            kept = msgspec.json.decode(path.read_bytes(), type=list[Point])
+            if len(kept) == len(ORACLE_S):
+                return kept
         points = self.oracle(config)
         write_whole(path, msgspec.json.encode(points), private=True)
         return points
@@ -248,7 +251,7 @@ def point(threshold: float, rows: Sequence[LiftRow], taps: Sequence[Tap]) -> Poi
         of_hand.setdefault(tap.recording, []).append(tap)
     hands = list(of_hand.values())
     lifted = figure(_share, [[row.right] for row in rows])
-    tapped = figure(_share, [[tap.right for tap in each] for each in hands])
+    tapped = figure(taps_right, hands)
     delays = sorted(
         d for d in (*(r.delay_ms for r in rows), *(t.delay_ms for t in taps)) if d is not None
     )
@@ -259,6 +262,14 @@ def point(threshold: float, rows: Sequence[LiftRow], taps: Sequence[Tap]) -> Poi
         threshold, _mean_of(both, lifted, tapped), lifted, tapped,
         _finite(delays, 0.5), _finite(delays, 0.9),
     )  # fmt: skip
+
+
+def taps_right(hands: Sequence[Sequence[Tap]]) -> float | None:
+    """Mean of the shares done right of taps that moved the object and of those that did not."""
+    shares = [_share([[t.right for t in each if t.moved is m] for each in hands])
+              for m in (False, True)]  # fmt: skip
+    known = [share for share in shares if share is not None]
+    return sum(known) / len(known) if known else None
 
 
 def _mean_of(value: float | None, one: Figure, other: Figure) -> Figure:

@@ -62,6 +62,7 @@ class Alarms(msgspec.Struct, frozen=True):
 
     false: int
     hand_s: float  # of a hand; one finger counts as a third of a hand
+    on_s: float  # of that, with slip registered
 
 
 class Figure(msgspec.Struct, frozen=True):
@@ -92,6 +93,7 @@ class StreamScores(msgspec.Struct, frozen=True):
     delay_p90_ms: Figure
     false_per_min: Figure
     false_per_min_actuation: Figure
+    lingering: Figure  # share of the time without slip in which it is registered
     sustained: Figure  # share of lasting slip, 10 mm/s and faster, that is reported
     sustained_by_speed: dict[str, Figure]
     sustained_smooth: Figure
@@ -151,7 +153,7 @@ def score_streams(
     sets: dict[str, list[Streamed]], rule: RuleSettings, threshold: float
 ) -> StreamScores:
     """Scores of a rule; ``threshold`` is that of single samples."""
-    delays = [_slide_delays_ms(s, rule) for name in SLIDES for s in sets[name]]
+    delays = [slide_delays_ms(s, rule) for name in SLIDES for s in sets[name]]
     alarms = [(false_alarms(s, rule), s) for each in sets.values() for s in each]
     caused = [(a, s) for a, s in alarms if cause_of(s.recording) in ACTUATION]
     parts = [samples(s, rule) for s in sets["paper"]]
@@ -168,6 +170,7 @@ def score_streams(
         delay_p90_ms=figure(partial(_delay, 0.9), delays),
         false_per_min=figure(_rate, [a for a, _ in alarms]),
         false_per_min_actuation=figure(_rate, [a for a, _ in caused]),
+        lingering=figure(_lingering, [a for a, _ in alarms]),
         sustained=reported(lambda x: True),
         sustained_by_speed={
             name: reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
@@ -252,7 +255,11 @@ def false_alarms(s: Streamed, rule: RuleSettings) -> Alarms:
         counted[tap.start : tap.end] = False
     starts = registered_events(s.probabilities, rule)[:, 0]
     hands = s.recording.fingers / HAND_FINGERS
-    return Alarms(int(counted[starts].sum()), counted.sum() * PERIOD_S * hands)
+    on = registered(s, rule)
+    return Alarms(
+        int(counted[starts].sum()), counted.sum() * PERIOD_S * hands,
+        (counted & on).sum() * PERIOD_S * hands,
+    )  # fmt: skip
 
 
 def _rate(chosen: Sequence[Alarms]) -> float | None:
@@ -260,20 +267,28 @@ def _rate(chosen: Sequence[Alarms]) -> float | None:
     return 60.0 * sum(each.false for each in chosen) / seconds if seconds else None
 
 
-def _slide_delays_ms(s: Streamed, rule: RuleSettings) -> Floats:
+def _lingering(chosen: Sequence[Alarms]) -> float | None:
+    seconds = sum(each.hand_s for each in chosen)
+    return sum(each.on_s for each in chosen) / seconds if seconds else None
+
+
+def slide_delays_ms(s: Streamed, rule: RuleSettings) -> Floats:
     """Delay (k,) from the onset of each slide of LEAST_SLIP_M or more to the event that reports it:
-    0 if it began before, infinite if there is none."""
+    0 if it began before, infinite if there is none. A slide at whose onset the event of the slide
+    before is still on is left out if that was within EARLY samples, else it is missed."""
     r, slides = s.recording, s.recording.label("slip_true")
     speed_mps = np.zeros(len(slides)) if r.contact_speed_mps is None else r.contact_speed_mps
     path_m = np.concatenate([[0.0], np.cumsum(speed_mps * PERIOD_S)])
-    grounded, delays_ms = _grounded(slides), []
-    events = [e for e in registered_events(s.probabilities, rule) if grounded[e[0]]]
+    events, delays_ms, rested = registered_events(s.probabilities, rule), [], 0
     for first, after in true_events(slides, r.t_s, MERGE_GAP_S):
+        from_sample, rested = max(rested, first - EARLY), after
         if first < WARM_UP_SAMPLES or path_m[after] - path_m[first] < LEAST_SLIP_M:
             continue
-        starts = [start for start, end in events if start < after and end > first]
-        late = 1e3 * (r.t_s[max(starts[0], first)] - r.t_s[first]) if starts else np.inf
-        delays_ms.append(late)
+        starts = [start for start, _ in events if from_sample <= start < after]
+        if starts:
+            delays_ms.append(1e3 * (r.t_s[max(starts[0], first)] - r.t_s[first]))
+        elif from_sample == first - EARLY or not any(a < from_sample < b for a, b in events):
+            delays_ms.append(np.inf)
     return np.array(delays_ms, np.float64)
 
 
@@ -350,7 +365,7 @@ def score_taps(streams: Sequence[Streamed], rule: RuleSettings) -> list[Tap]:
             following = impacts[k + 1].start if k + 1 < len(impacts) else len(t_s)
             last = min(int(np.searchsorted(t_s, until_s)), following) - 1
             answered = delay_ms <= SOON_MS and not on[last]
-            right = answered if moved else math.isinf(delay_ms)
+            right = answered if moved else not on[tap.start : tap.end].any()
             smooth = is_smooth(s.recording)
             taps.append(Tap(number, smooth, moved, right, delay_ms if moved else None))
     return taps

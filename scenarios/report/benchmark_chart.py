@@ -42,7 +42,7 @@ def draw_benchmark(file: BenchmarkFile, costs: dict[str, Cost], out: Path) -> No
             ends = [abs(100.0 * (y if end is None else end) - y) for end in (right.low, right.high)]
             look |= {"fmt": "o" if line < COLOURS else "s", "ms": 6, "capsize": 3}
             error = [[ends[0]], [ends[1]]]
-            dot = axes.errorbar(x, y, error, label=f"{each.detector}{cost}", **look)
+            dot = axes.errorbar(x, y, error, label=f"{Path(each.detector).name}{cost}", **look)
             dots.append((y, dot))
     ticks = range(0, int(SHOWN_MS) + 1, TICKS_MS)
     axes.set(xlim=(0.0, END_MS), ylim=(lowest(drawn), 101.0), xlabel=DELAY, ylabel=RIGHT_AXIS)

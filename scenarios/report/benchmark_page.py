@@ -164,6 +164,7 @@ def _recordings(every: Sequence[DetectorResult]) -> Table:
         "delay p90, ms": lambda d: _delay(d.streams.delay_p90_ms),
         "false alarms per minute of a hand": lambda d: _value(d.streams.false_per_min),
         "while hand or arm moves": lambda d: _value(d.streams.false_per_min_actuation),
+        "registered without slip, % of that time": lambda d: _share(d.streams.lingering),
         "samples right (balanced), %": lambda d: _share(d.streams.balanced_accuracy),
         "AUC": lambda d: _value(d.streams.auc, 3),
     }, "Slips: true slides of 0.5 mm or more. False alarm: an event that begins although nothing "

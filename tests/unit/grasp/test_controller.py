@@ -224,6 +224,19 @@ def test_finger_that_stays_without_load_is_a_fault_before_the_lift(
     assert not any(isinstance(c, MoveArm | OpenFingers) for c in d.commands)
 
 
+def test_hand_stops_closing_on_a_fingertip_that_shows_nothing_while_the_thumb_feels_more() -> None:
+    """Pressing C also unloads B: the message names C, which was unloaded first."""
+    d = Driver()
+    for _ in range(400):
+        c = d.requested[2] - 55
+        estimated_n = (1.0 + 0.5 * c, 0.01 if c else 0.5, 0.02)
+        if d.step(estimated_n=estimated_n).state is State.FAULT:
+            break
+    assert sum(d.requested) - 3 * 55 == 2
+    assert "finger C bears nothing" in d.controller.fault_cause
+    assert "the fingertip may be dead" in d.controller.fault_cause
+
+
 def test_weak_grip_and_grip_with_implausible_fingertips_are_lifted_as_they_are() -> None:
     implausible = (failed("fingertip_few_taxels", finger="C"),)
     for changes in ({"estimated_n": (0.6, 0.4, 0.15)}, {**UNLOADED, "reported": implausible}):

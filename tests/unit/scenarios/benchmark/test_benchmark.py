@@ -1,6 +1,8 @@
 """What the benchmark measures: known detectors come in a known order, and peeking is caught."""
 
 from itertools import count
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -12,10 +14,21 @@ from detector.scores.evaluation import Streamed
 from drivers.errors import ConfigError, UsageError
 from grasp.settings import file_of, names
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
-from scenarios.benchmark.lifts import CHEATED, run_lift, tasks
+from scenarios.benchmark.lifts import (
+    CHEATED,
+    LOST,
+    MISSED,
+    RIGHT,
+    SLID,
+    Grip,
+    run_lift,
+    tasks,
+    verdict,
+)
 from scenarios.benchmark.protocol import check_digest, load_evaluated, load_protocol
 from scenarios.benchmark.run import Benchmark, cost
-from scenarios.benchmark.streams import false_alarms, score_taps, stream_files
+from scenarios.benchmark.streams import false_alarms, score_taps, slide_delays_ms, stream_files
+from scenarios.lift.scoring import LiftResult
 from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, nothing_shown, settings
 
@@ -84,6 +97,48 @@ def test_an_event_is_no_false_alarm_shortly_before_and_after_true_sliding() -> N
         found = false_alarms(Streamed(recording, p, np.empty(0)), rule)
         assert found.false == false, at
         assert found.hand_s == pytest.approx((900 - 100 - 90) * 0.01 / 3), "one finger of a hand"
+
+
+def test_an_event_reports_one_slide_and_not_those_after_a_pause() -> None:
+    recording, rule = toy(1, "validation"), RuleSettings(consecutive=1, release=1)
+    slides = np.zeros_like(recording.slip)
+    slides[200:250] = slides[265:300] = slides[400:450] = True
+    speed = np.where(slides, np.float32(0.05), np.float32(0.0))
+    recording = msgspec.structs.replace(recording, slip_true=slides, contact_speed_mps=speed)
+    for on, expected in (
+        ([(205, 240), (267, 300), (390, 450)], [50.0, 20.0, 0.0]),
+        ([(205, 320)], [50.0, np.inf]),  # still on at the second slide, 0.15 s later: left out
+        ([(205, 460)], [50.0, np.inf]),  # and at the third, a second later: missed
+        ([(0, 900)], [np.inf, np.inf, np.inf]),
+    ):
+        p = np.zeros((len(slides), 1))
+        for first, after in on:
+            p[first:after] = 1.0
+        streamed = Streamed(recording, p, np.empty(0))
+        assert slide_delays_ms(streamed, rule) == pytest.approx(expected), on
+    assert false_alarms(streamed, rule).on_s == false_alarms(streamed, rule).hand_s
+
+
+def test_a_tap_without_motion_is_not_right_while_slip_stays_registered(
+    benchmark: Benchmark, plugin: Plugin
+) -> None:
+    config = plugin("return np.ones(self.fingers)")
+    files = {"mallet": benchmark.recordings["mallet"]}
+    taps = score_taps(stream_files(config, files, HERE, nothing_shown)["mallet"], config.rule)
+    assert taps and not any(tap.right for tap in taps)
+
+
+def test_a_lift_that_slid_far_is_not_right_however_it_ended() -> None:
+    grip = Grip(settings("energy").object, 3.0, 9.0)
+    for changes, expected in (
+        ({"slip_distance_m": 0.019}, RIGHT), ({"slip_distance_m": 0.021}, SLID),
+        ({"slip_distance_m": 0.003, "slip_registered_s": None}, MISSED),
+        ({"outcome": "dropped", "slip_distance_m": None}, LOST),
+    ):  # fmt: skip
+        result = cast(LiftResult, SimpleNamespace(
+            **{"outcome": "held", "slip_registered_s": 2.0, "slip_onset_s": 1.9, **changes}
+        ))  # fmt: skip
+        assert verdict(result, grip, fragile=False, peak_n=5.0) == expected, changes
 
 
 def test_a_detector_slower_than_the_samples_is_refused() -> None:
