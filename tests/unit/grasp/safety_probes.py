@@ -174,7 +174,7 @@ def touches(v: float, estimated_n: float) -> bool:
     d = Driver(contact_n=v)
     d.until(State.BRACE)
     for _ in range(80):
-        d.step(estimated_n=(estimated_n, 0.0, 0.0))
+        d.step(estimated_n=(estimated_n, 0.5, 0.5))
     return d.controller.state is State.LIFT
 
 
