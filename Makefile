@@ -184,6 +184,7 @@ lock:
 	$(COMPILE) --generate-hashes --extra charts --group build pyproject.toml -c requirements/dev.txt -o requirements/charts.txt
 	$(COMPILE) --generate-hashes requirements/docs.in -c requirements/dev.txt -o requirements/docs.txt
 	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
+	$(COMPILE) --generate-hashes --extra ros --extra exports --group build pyproject.toml -c requirements/dev.txt -o requirements/ros.txt
 	$(COMPILE) requirements/train.in -c requirements/dev.txt -o requirements/train.txt
 	printf 'torch==2.13.0\n' >> requirements/train.txt
 
