@@ -119,7 +119,8 @@ def _add_recordings(root: Parser) -> None:
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
     report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign; .json file of "
-        "`detector evaluate --out`; folder or .json file of `benchmark`", Path, nargs="?")  # fmt: skip
+        "`detector evaluate --out`; folder or .json file of `benchmark`",
+        Path, nargs="?")  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
