@@ -123,6 +123,7 @@ def _episode(run: RunRecord, task: str, task_index: int, number: int, begin: int
         "index": begin + frame,
         "task_index": np.full_like(frame, task_index),
         "next.done": frame == frame[-1],
+        "next.success": (frame == frame[-1]) & bool(run.verdict and run.verdict.success),
     }
     columns = {name: values[rows].astype(np.float32) for name, (_, values) in vectors.items()}
     names: dict[str, list[str] | None] = {name: names for name, (names, _) in vectors.items()}

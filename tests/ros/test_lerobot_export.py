@@ -47,7 +47,7 @@ def data(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> DataSet:
     return DataSet(out)
 
 
-def test_schema_and_indices_are_those_of_version_3(data: DataSet) -> None:
+def test_schema_and_indices_are_those_of_version_3(data: DataSet, runs: list[Path]) -> None:
     info, rows = data.info, data.data.num_rows
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 100)
     assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (2, rows, 1)
@@ -66,11 +66,14 @@ def test_schema_and_indices_are_those_of_version_3(data: DataSet) -> None:
     begin = 0
     for number, row in enumerate(data.episodes):
         frames = np.arange(row["length"])
+        verdict = read_run(runs[number]).verdict
+        assert verdict is not None and verdict.success is True
         assert row["tasks"] == ["lift the can"] and row["dataset_from_index"] == begin
         for name, expected in {
             "frame_index": frames, "timestamp": (frames / 100).astype(np.float32),
             "index": begin + frames, "episode_index": 0 * frames + number,
             "task_index": 0 * frames, "next.done": frames == frames[-1],
+            "next.success": frames == frames[-1],
         }.items():  # fmt: skip
             np.testing.assert_array_equal(data.column(name, number), expected, name)
         begin = row["dataset_to_index"]
