@@ -18,6 +18,8 @@ LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
 FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICTURES, "svg")}
 
+FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folders: their package
+
 
 def replay(args: argparse.Namespace) -> int:
     if args.run is not None and args.tactile is not None:
@@ -175,8 +177,11 @@ def export(args: argparse.Namespace) -> int:
         )
     if campaign := next((run for run in runs if to != "csv" and is_database(run)), None):
         raise UsageError(f"{campaign}: a campaign cannot be exported as {to}", "use --to csv")
-    if to in ("svg", "gif", "lerobot"):
-        print(_draw(run, args.out, to) if to != "lerobot" else _fill(runs, args.out, to))
+    if to in ("svg", "gif"):
+        print(_draw(run, args.out, to))
+        return exits.SUCCESS
+    if to in FOLDERS:
+        print(_fill(runs, args.out, to))
         return exits.SUCCESS
     default, content, begins = _campaign_file(run) if database else _run_file(run, to)
     out = args.out or default
@@ -229,8 +234,9 @@ def _draw(run: Path, out: Path | None, to: str) -> Path:
 
 
 def _fill(runs: Sequence[Path], out: Path | None, to: str) -> Path:
-    need("exports", "pyarrow")
+    need("exports", FOLDERS[to])
     from scenarios.report.lerobot_export import write_lerobot
+    from scenarios.report.rosbag_export import write_rosbag
     from scenarios.trial.run_folder import find_recording
 
     if out is None and len(runs) > 1:
@@ -238,5 +244,8 @@ def _fill(runs: Sequence[Path], out: Path | None, to: str) -> Path:
                          "add --out FOLDER")  # fmt: skip
     out = out or find_recording(runs[0]).with_suffix(f".{to}")
     check_new(out)
-    write_lerobot(runs, out)
+    if to == "rosbag":
+        write_rosbag(runs[0], out)
+    else:
+        write_lerobot(runs, out)
     return out
