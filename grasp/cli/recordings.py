@@ -17,7 +17,6 @@ SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
 FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICTURES, "svg")}
-
 FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folders: their package
 
 

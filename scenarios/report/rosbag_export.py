@@ -1,8 +1,11 @@
 """A run as a ROS 2 bag: MCAP with CDR, and the topics of the node. Needs the extra `exports`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from grasp.files import PRIVATE_FOLDER, whole_folder
 from grasp.messages import ARM, CONTROL, GRIPPER, TACTILE
@@ -12,7 +15,9 @@ from scenarios.report.run_record import read_run
 from scenarios.rigs.calibration import MANUAL
 from scenarios.trial.run_folder import open_trial
 
-VERSION = 8  # of the metadata: read by ROS 2 Iron and later; version 9 only by Jazzy and later
+VERSION: Final = (
+    8  # of the metadata: read by ROS 2 Iron and later; version 9 only by Jazzy and later
+)
 DEPTHS = {SENSOR: 5, LATCHED: 1}
 
 
@@ -23,7 +28,13 @@ def write_rosbag(run: Path, out: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    messages = sorted(_messages(run), key=lambda message: message.stamp_ns)
+
+    def encoded(message: Message) -> tuple[int, str, bytes]:
+        kind = TOPICS[message.topic].type
+        data = store.serialize_cdr(_filled(store, kind, message.fields), kind)
+        return message.stamp_ns, message.topic, bytes(data)
+
+    messages = sorted(map(encoded, _messages(run)), key=itemgetter(0))
     with whole_folder(out) as folder:
         folder.rmdir()  # the writer makes it
         bag = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
@@ -35,38 +46,32 @@ def write_rosbag(run: Path, out: Path) -> None:
                 )
                 for name, topic in TOPICS.items()
             }
-            for topic, stamp_ns, fields in messages:
-                kind = TOPICS[topic].type
-                data = store.serialize_cdr(_filled(store, kind, fields), kind)
+            for stamp_ns, topic, data in messages:
                 bag.write(topics[topic], stamp_ns, data)
         folder.chmod(PRIVATE_FOLDER)
 
 
-def _messages(path: Path) -> list[Message]:
+def _messages(path: Path) -> Iterator[Message]:
     """All messages of a run, step by step."""
     calibration = read_run(path).config.calibration or MANUAL
     recording = open_trial(path)
-    unix_ns = int(recording.metadata.get(UNIX_NS, "0"))
-    ros = RosMessages(unix_ns, calibration.m_per_count)
+    ros = RosMessages(int(recording.metadata.get(UNIX_NS, "0")), calibration.m_per_count)
     tactile, gripper, arm = (dict(recording.of(topic)) for topic in (TACTILE, GRIPPER, ARM))
-    return [
-        message
-        for t_ns, control in recording.of(CONTROL)
-        for message in ros.of_step(t_ns, tactile.get(t_ns), gripper[t_ns], arm[t_ns], control)
-    ]
+    for t_ns, control in recording.of(CONTROL):
+        if t_ns in gripper and t_ns in arm:
+            yield from ros.of_step(t_ns, tactile.get(t_ns), gripper[t_ns], arm[t_ns], control)
 
 
 def _filled(store: Any, kind: str, fields: Mapping[str, Any]) -> Any:
     """A message of the type store. Fields that are not given are zero or empty, as in ROS."""
     given = {
-        name: _value(store, *described, fields.get(name))
-        for name, described in store.get_msgdef(kind).fields
+        name: _value(store, node, detail, fields.get(name))
+        for name, (node, detail) in store.get_msgdef(kind).fields
     }
     return store.types[kind](**given)
 
 
 def _value(store: Any, node: Any, detail: Any, value: Any) -> Any:
-    import numpy as np
     from rosbags.interfaces import Nodetype
 
     if node == Nodetype.BASE:

@@ -2,6 +2,7 @@
 
 import os
 from collections import Counter, defaultdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +78,10 @@ def test_messages_hold_what_was_recorded(bag: Path, runs: list[Path]) -> None:
     assert len(found["/diagnostics"]) >= int(run.t_s[-1] - run.t_s[0])
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of rclpy's parser
 def test_a_player_finds_definitions_and_quality_of_service(bag: Path) -> None:
     """What `ros2 bag play`, PlotJuggler and Foxglove need of the file itself."""
+    from rclpy.serialization import deserialize_message
     from rosbags.rosbag2 import Reader
 
     with (bag / "can.mcap").open("rb") as file:
@@ -102,6 +105,10 @@ def test_a_player_finds_definitions_and_quality_of_service(bag: Path) -> None:
             (qos,) = connection.ext.offered_qos_profiles  # type: ignore[union-attr]
             kind = (qos.reliability.name, qos.durability.name)
             kinds[TOPICS[connection.topic].qos].add(kind)
+        for connection, _, data in written.messages():
+            package, _, name = connection.msgtype.split("/")
+            kind_of_message = getattr(import_module(f"{package}.msg"), name)
+            assert isinstance(deserialize_message(bytes(data), kind_of_message), kind_of_message)
     assert kinds == {
         "sensor": {("BEST_EFFORT", "VOLATILE")},
         "latched": {("RELIABLE", "TRANSIENT_LOCAL")},
