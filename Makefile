@@ -33,17 +33,19 @@ DEV := .venv/.installed-dev
 TRAIN := .venv/.installed-train
 CLUSTER := .venv/.installed-cluster
 CHARTS := .venv/.installed-charts
+EXPORTS := .venv/.installed-exports
 DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3.13 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
+.PHONY: install install-dev install-charts install-exports install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
         test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
         test-train test-cluster test-browser bench results check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
 install-charts: $(CHARTS)
+install-exports: $(EXPORTS)
 install-train: $(TRAIN)
 install-cluster: $(CLUSTER)
 
@@ -92,6 +94,11 @@ $(CLUSTER): $(DEV) requirements/cluster.txt
 $(CHARTS): $(BASE) requirements/charts.txt
 	@echo "installing requirements/charts.txt"
 	@$(PIP) --require-hashes -r requirements/charts.txt
+	@touch $@
+
+$(EXPORTS): $(BASE) requirements/exports.txt
+	@echo "installing requirements/exports.txt"
+	@$(PIP) --require-hashes -r requirements/exports.txt
 	@touch $@
 
 $(DOCS): $(BASE) requirements/docs.txt
@@ -185,6 +192,7 @@ lock:
 	$(COMPILE) --generate-hashes requirements/docs.in -c requirements/dev.txt -o requirements/docs.txt
 	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
 	$(COMPILE) --generate-hashes --extra ros --extra exports --group build pyproject.toml -c requirements/dev.txt -o requirements/ros.txt
+	$(COMPILE) --generate-hashes --extra exports --group build pyproject.toml -c requirements/ros.txt -o requirements/exports.txt
 	$(COMPILE) requirements/train.in -c requirements/dev.txt -o requirements/train.txt
 	printf 'torch==2.13.0\n' >> requirements/train.txt
 

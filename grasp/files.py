@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shlex
+import shutil
 import socket
 import stat
 import sys
@@ -54,6 +55,21 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A new private folder to fill; it appears at ``path`` when it is complete, and is removed
+    after an exception. Raises OSError."""
+    partial = path.with_name(partial_name(path.name, str(os.getpid())))
+    try:
+        make_private_folder(partial / path.name, exist_ok=False)
+        yield partial / path.name
+        (partial / path.name).rename(path)
+    except OSError as error:  # report the name that was given
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def save_figure(figure: Any, out: Path, dpi: float) -> None:

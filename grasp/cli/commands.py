@@ -122,15 +122,20 @@ def _add_recordings(root: Parser) -> None:
         "`detector evaluate --out`; folder or .json file of `benchmark`",
         Path, nargs="?")  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
-    export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
-        "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
-        "distance over time (--out: also .png, .pdf); gif: the first slip in slow motion (both: "
-        "extra `charts`). layout: for Foxglove and Lichtblick.",
+    export = root.command("export", "export runs or a campaign as a table, a plot or a data "
+        "set", ". csv: one row per control step, of a campaign per trial. svg: force, slip "
+        "probability and slip distance over time (--out: also .png, .pdf); gif: the first slip in "
+        "slow motion (both: extra `charts`). layout: for Foxglove and Lichtblick. lerobot: a data "
+        "set for LeRobot, one episode per RUN; rosbag: a ROS 2 bag with the topics of the node "
+        "(both: a folder; extra `exports`).",
         ("grasp export runs/20260102-101500-lift-can --to svg",
+        "grasp export runs/*-lift-can --to lerobot --out cans",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
-    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path, nargs="?")
-    export.option("--to", "default: by --out, else csv", choices=("csv", "svg", "gif", "layout"))
-    export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
+    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path, nargs="*")
+    export.option("--to", "default: by --out, else csv",
+        choices=("csv", "svg", "gif", "layout", "lerobot", "rosbag"))  # fmt: skip
+    export.option("--out FILE", "file or folder to write (default: next to the RUN)",
+        file_to_write)  # fmt: skip
 
 
 def _add_campaign(group: Parser) -> None:

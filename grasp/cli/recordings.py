@@ -3,12 +3,13 @@
 import argparse
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
-from grasp.cli.options import PICTURES, check_writable, need
+from grasp.cli.options import PICTURES, check_new, check_writable, need
 from grasp.cli.output import print_status, show
 from grasp.files import is_stream, write_whole
 
@@ -16,6 +17,7 @@ SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
 FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICTURES, "svg")}
+FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folders: their package
 
 
 def replay(args: argparse.Namespace) -> int:
@@ -168,14 +170,21 @@ def export(args: argparse.Namespace) -> int:
     if by_name not in (None, to):
         raise UsageError(f"--out {args.out}: the file name says {by_name}, --to says {to}",
                          "leave --to out, or use another file name")  # fmt: skip
-    args.run = args.run or _last_run()
-    database = is_database(args.run)
-    if database and to != "csv":
-        raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
+    runs = args.run or [_last_run()]
+    run, database = runs[0], is_database(runs[0])
+    if len(runs) > 1 and to != "lerobot":
+        raise UsageError(
+            f"{len(runs)} RUNs cannot be exported together as {to}", "give one of them"
+        )
+    if campaign := next((run for run in runs if to != "csv" and is_database(run)), None):
+        raise UsageError(f"{campaign}: a campaign cannot be exported as {to}", "use --to csv")
     if to in ("svg", "gif"):
-        print(_draw(args.run, args.out, to))
+        print(_draw(run, args.out, to))
         return exits.SUCCESS
-    default, content, begins = _campaign_file(args.run) if database else _run_file(args.run, to)
+    if to in FOLDERS:
+        print(_fill(runs, args.out, to))
+        return exits.SUCCESS
+    default, content, begins = _campaign_file(run) if database else _run_file(run, to)
     out = args.out or default
     check_writable(out, begins)
     write_whole(out, content.encode(), private=True)
@@ -222,4 +231,22 @@ def _draw(run: Path, out: Path | None, to: str) -> Path:
                          f"use a name that ends in {', '.join(endings)}")  # fmt: skip
     check_writable(out)
     (draw_run if to == "svg" else animate_run)(run, out)
+    return out
+
+
+def _fill(runs: Sequence[Path], out: Path | None, to: str) -> Path:
+    need("exports", FOLDERS[to])
+    from scenarios.report.lerobot_export import write_lerobot
+    from scenarios.report.rosbag_export import write_rosbag
+    from scenarios.trial.run_folder import find_recording
+
+    if out is None and len(runs) > 1:
+        raise UsageError("--out is missing: a data set of several RUNs needs a name",
+                         "add --out FOLDER")  # fmt: skip
+    out = out or find_recording(runs[0]).with_suffix(f".{to}")
+    check_new(out)
+    if to == "rosbag":
+        write_rosbag(runs[0], out)
+    else:
+        write_lerobot(runs, out)
     return out

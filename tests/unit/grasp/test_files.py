@@ -2,6 +2,7 @@
 
 import os
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from grasp.files import (
     locked,
     make_private_folder,
     use_writable_cache,
+    whole_folder,
     why_not_writable,
     write_whole,
 )
@@ -30,6 +32,19 @@ def test_writing_replaces_a_file_and_leaves_no_partial_file(
         os.umask(before)
     assert (tmp_path / "new.json").stat().st_mode & 0o777 == mode
     assert [path.name for path in tmp_path.iterdir()] == ["new.json"]
+
+
+def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
+    for error in (KeyboardInterrupt, OSError, None):
+        with suppress(KeyboardInterrupt, OSError), whole_folder(tmp_path / "new") as folder:
+            (folder / "first").write_bytes(b"1")
+            assert not (tmp_path / "new").exists()
+            if error is not None:
+                raise error
+        assert os.listdir(tmp_path) == ([] if error else ["new"])
+    with pytest.raises(OSError, match=r"not empty.*new"), whole_folder(tmp_path / "new") as folder:
+        pass
+    assert os.listdir(tmp_path) == ["new"] and os.listdir(tmp_path / "new") == ["first"]
 
 
 def test_a_pipe_without_a_reader_is_a_closed_output(tmp_path: Path) -> None:

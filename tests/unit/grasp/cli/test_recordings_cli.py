@@ -38,6 +38,24 @@ def test_run_is_found_by_the_name_that_runs_lists(
     assert code == 2 and "such as runs/NAME" in error
 
 
+def test_several_runs_are_exported_as_a_data_set_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("grasp.cli.options.find_spec", lambda name: None)
+    for words, problem in {
+        ("a", "b"): "2 RUNs cannot be exported together as csv",
+        ("a", "b", "--to", "lerobot"): "not installed: pyarrow (make install-exports, or",
+        ("a", "--to", "lerobot", "--out", str(tmp_path)): "is a folder",
+        ("a", "--to", "lerobot", "--out", "x.csv"): "says csv, --to says lerobot",
+    }.items():
+        code, _, error = call("export", *words, capsys=capsys)
+        assert code == 2 and problem in error, error
+    monkeypatch.undo()
+    monkeypatch.setattr("grasp.cli.recordings.need", lambda *_: None)
+    code, _, error = call("export", "a", "b", "--to", "lerobot", capsys=capsys)
+    assert code == 2 and "--out is missing" in error
+
+
 def stroke_csv(path: Path) -> Path:
     rows = ["t_s,p0,p1,p2,p3,p4,p5,slip"]
     for k in range(400):
