@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
 from grasp.commands import MoveFingers
-from grasp.policy_reflex import AT_REST, Admitted, PolicyCommand
+from grasp.policy_reflex import Admitted, PolicyCommand
 from scenarios.campaign.config import load_config
 from scenarios.library.reflex import make_reflex
 from scenarios.lift.scoring import LIFTED_M
@@ -22,6 +22,7 @@ from scenarios.trial.execution import grip_plan
 Floats = NDArray[np.float32]
 TOP_M = 0.25  # highest position of the arm above the grasp
 SPAN_COUNTS = 5  # from a finger's position to its target, at most; assumed
+BRAKE_S = 0.2  # the arm is no faster than its distance from either end over this time
 DROP_REWARD = -100.0
 
 
@@ -82,7 +83,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
             self._configure({**self._options, **options})
         world = int(self.np_random.integers(2**31))
         self._rig = simulated(self._config.built_for(world), world, paced=False)
-        self._reflex = make_reflex(self._config)
+        self.reflex = make_reflex(self._config)
         preshape, s = grip_plan(self._config).preshape_counts, self._config.controller
         devices = self._rig.devices
         devices.gripper.move_to(preshape, s.approach_speed_mps, self._limit_n)
@@ -92,27 +93,30 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         devices.tactile.begin_rest()
         while not devices.tactile.rest_taken:
             self._wait()
-        self._home_m, self._lifted = self._states()[2].position_m[2], False
+        self._home_m, self._lifted = self.states()[2].position_m[2], False
         hold = PolicyCommand(hand=MoveFingers(preshape, s.grip_speed_mps, self._limit_n))
-        admitted = self._reflex.step(*self._states(), hold, t_ns=self._rig.clock.now_ns)
+        admitted = self.reflex.step(*self.states(), hold, t_ns=self._rig.clock.now_ns)
         return self._observation(admitted), self._info(admitted, 0.0)
 
     def step(self, action: Floats) -> tuple[dict[str, Floats], float, bool, bool, dict[str, Any]]:
         """Do one control step with this action; never truncates."""
-        frame, gripper, arm = self._states()
+        frame, gripper, arm = self.states()
         s, devices = self._config.controller, self._rig.devices
         *fingers, rise = np.clip(action, -1.0, 1.0).tolist()
         a, b, c = (
             min(255, max(0, round(at + SPAN_COUNTS * to)))
             for at, to in zip(gripper.positions, fingers, strict=True)
         )
-        height_m = arm.position_m[2] - self._home_m
-        at_end = height_m >= TOP_M if rise > 0.0 else height_m <= 0.0
+        height_m = min(TOP_M, max(0.0, arm.position_m[2] - self._home_m))
+        speed_mps = max(
+            rise * s.lift_speed_mps, -height_m / BRAKE_S
+        )  # the ends are approached slowly
+        speed_mps = min(speed_mps, (TOP_M - height_m) / BRAKE_S)
         wanted = PolicyCommand(
             hand=MoveFingers((a, b, c), s.grip_speed_mps, self._limit_n),
-            arm_velocity_mps=AT_REST if at_end else (0.0, 0.0, rise * s.lift_speed_mps),
+            arm_velocity_mps=(0.0, 0.0, speed_mps),
         )
-        admitted = self._reflex.step(frame, gripper, arm, wanted, t_ns=self._rig.clock.now_ns)
+        admitted = self.reflex.step(frame, gripper, arm, wanted, t_ns=self._rig.clock.now_ns)
         applied = admitted.send(devices.gripper, devices.arm)
         self._wait()
         info = self._info(admitted, 0.0 if applied is None else applied.force_n)
@@ -126,14 +130,15 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         for device in (devices.tactile, devices.gripper, devices.arm):
             device.poll(clock.now_ns)
 
-    def _states(self) -> tuple[TactileFrame, GripperState, ArmState]:
+    def states(self) -> tuple[TactileFrame, GripperState, ArmState]:
+        """Latest fingertip frame and states of gripper and arm, as the reflex takes them."""
         devices = self._rig.devices
         frame, gripper, arm = devices.tactile.frame, devices.gripper.state, devices.arm.state
         assert frame is not None and gripper is not None and arm is not None  # noqa: S101
         return frame, gripper, arm
 
     def _observation(self, admitted: Admitted) -> dict[str, Floats]:
-        frame, gripper, arm = self._states()
+        frame, gripper, arm = self.states()
         return {
             "taxels": frame.counts.astype(np.float32),
             "fingers": np.array(gripper.positions, np.float32),
