@@ -4,9 +4,9 @@ It uses the application's detector, slip monitor, slip response and force guard,
 
 1. No command has more force than the limit, and the fingers close at most at the speed of the
    application's grasp.
-2. From the first contact on, only the thumb closes, because it carries the sum of B and C. The arm
-   stands still until the hand has rested in contact for settle and baseline time (0.6 s). The
-   object is *held* from then on.
+2. From the first contact on, only the thumb closes, because it carries the sum of B and C. Once
+   the thumb and another finger touch, the arm stands still until the hand has rested for settle
+   and baseline time (0.6 s). From then on the object is *held*.
 3. While the object is held, the fingers open for ``OpenFingers`` alone, the explicit release.
 4. When slip is registered, the hand closes to the limit and the policy's fingers wait. The arm
    stops until slip is over; it may only go straight down.
@@ -212,34 +212,31 @@ class Reflex:
             UsageError: for counts without ``t_ns``.
         """
         frame = tactile if isinstance(tactile, TactileFrame) else _frame(tactile, t_ns)
+        refused: list[str] = []
         if not _is_valid(wanted):
             wanted = PolicyCommand(hand=HoldFingers())
-            refused = ["a value that is not a finite number: hand and arm hold"]
-        else:
-            refused = []
+            refused.append("a value that is not finite, or not above 0: hand and arm hold")
         opens = _opens(wanted.hand, gripper)
-        before = self._controller.state
-        if before is not State.CLOSE and (
-            isinstance(wanted.hand, OpenFingers) or (opens and before is State.SETTLE)
-        ):
-            self.reset()  # the policy releases the grip
+        state = self._controller.state
+        releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
+        if releases or (opens and state is State.SETTLE):
+            self.reset()
         obs = PolicyObservation(
             t_ns=frame.t_ns if t_ns is None else t_ns, frame=frame, rest_taken=True,
             gripper=gripper, arm=arm, below_limit=self._below_limit,
         )  # fmt: skip
         own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
+        controller, velocity = self._controller, wanted.arm_velocity_mps
         hand: GripperCommand | None = None
-        velocity = wanted.arm_velocity_mps
-        if not self._settings.reactions:
-            hand = self._if_new(self._guarded(wanted.hand, gripper), gripper)
-        elif own:
-            hand, self._below_limit = own[-1], False
-        elif not self._responds:
-            hand = self._admit_hand(obs, wanted.hand, opens, refused)
         if self._settings.reactions:
             velocity = self._admit_arm(obs, velocity, refused)
+            if own:
+                hand, self._below_limit = own[-1], False
+            elif not (controller.in_safe_state or controller.state is State.COMPENSATE):
+                hand = self._admit_hand(obs, wanted.hand, opens, refused)
+        else:
+            hand = self._guarded(wanted.hand, gripper)
         self._sent = hand or self._sent
-        controller = self._controller
         return Admitted(
             hand=hand, arm_velocity_mps=velocity,
             arm_acceleration_mps2=self._acceleration(velocity),
@@ -248,67 +245,56 @@ class Reflex:
             faults=controller.faults, refused=tuple(refused),
         )  # fmt: skip
 
-    @property
-    def _responds(self) -> bool:
-        """Whether slip or a fault decides what the hand does."""
-        return self._controller.in_safe_state or self._controller.state is State.COMPENSATE
-
     def _admit_hand(
         self, obs: Observation, wanted: GripperCommand, opens: bool, refused: list[str]
     ) -> GripperCommand | None:
         gripper, held = obs.gripper, self._controller.held
-        if isinstance(wanted, HoldFingers):
-            return None if gripper.at_rest else self._if_new(wanted, gripper)
-        if isinstance(wanted, MoveFingers):
-            targets, speed_mps = wanted.targets_counts, wanted.speed_mps
-            if opens and held:
-                refused.append("opening: the object is held, and only OpenFingers releases it")
-            if self._controller.touches(obs):
-                opening = opens and not held
-                targets = (_opening if opening else _thumb_alone)(targets, gripper)
-                if targets == gripper.requested:
-                    return None
-            if any(t > p for t, p in zip(targets, gripper.positions, strict=True)):
-                speed_mps = min(speed_mps, self._settings.grip_speed_mps)
-            wanted = MoveFingers(targets, speed_mps, wanted.force_n)
-        admitted = self._guarded(wanted, gripper)
-        if isinstance(admitted, HoldFingers):
-            refused.append("closing: the estimated force is above the limit")
-        if isinstance(wanted, MoveFingers) and wanted.force_n > self._limit_n:
+        if isinstance(wanted, HoldFingers) and gripper.at_rest:
+            return None
+        if not isinstance(wanted, MoveFingers):
+            return self._guarded(wanted, gripper)
+        if opens and held:
+            refused.append("opening: the object is held, and only OpenFingers releases it")
+        if wanted.force_n > self._limit_n:
             refused.append(f"force {wanted.force_n:g} N: the limit is {self._limit_n:g} N")
-        hand = self._if_new(admitted, gripper)
-        if isinstance(hand, MoveFingers):
+        targets, speed_mps = wanted.targets_counts, wanted.speed_mps
+        if self._controller.touches(obs):
+            targets = _in_contact(targets, gripper, held)
+            if targets == gripper.requested:
+                return None
+        if any(target > at for target, at in zip(targets, gripper.positions, strict=True)):
+            speed_mps = min(speed_mps, self._settings.grip_speed_mps)
+        hand = self._guarded(MoveFingers(targets, speed_mps, wanted.force_n), gripper)
+        if isinstance(hand, HoldFingers):
+            refused.append("closing: the estimated force is above the limit")
+        elif isinstance(hand, MoveFingers):
             self._below_limit = hand.force_n < self._limit_n
         return hand
 
-    def _guarded(self, command: GripperCommand, gripper: GripperState) -> GripperCommand:
+    def _guarded(self, command: GripperCommand, gripper: GripperState) -> GripperCommand | None:
+        """What the guard admits. None if it was sent already, or if the hand has not confirmed the
+        last command yet."""
         admitted = self._step.admit(command, gripper)
-        return admitted if isinstance(admitted, GripperCommand) else HoldFingers()
-
-    def _if_new(self, command: GripperCommand, gripper: GripperState) -> GripperCommand | None:
-        """The command, unless it was sent already, or the hand has not confirmed the last one."""
-        return command if gripper.fresh and command != self._sent else None
+        new = gripper.fresh and admitted != self._sent
+        return admitted if new and isinstance(admitted, GripperCommand) else None
 
     def _admit_arm(self, obs: Observation, wanted: Vector3, refused: list[str]) -> Vector3:
-        controller = self._controller
-        admitted = wanted
-        if controller.in_safe_state or controller.state is State.SETTLE:
+        controller, admitted = self._controller, wanted
+        settles = not controller.held and controller.grips(obs)
+        if settles or controller.in_safe_state or controller.state is State.SETTLE:
             admitted = AT_REST
         elif controller.state is State.COMPENSATE or controller.cap_reached:
             admitted = (0.0, 0.0, min(0.0, wanted[2]))
-        elif not controller.held and controller.grips(obs):
-            admitted = AT_REST
         if admitted != wanted:
             refused.append(f"motion of the arm in the state {controller.state}")
         return admitted
 
     def _acceleration(self, velocity_mps: Vector3) -> float:
-        s = self._settings
-        if self._controller.state is State.COMPENSATE and velocity_mps == AT_REST:
-            return s.slip_stop_mps2
-        return (
-            s.stop_deceleration_mps2 if self._controller.in_safe_state else s.lift_acceleration_mps2
-        )
+        s, controller = self._settings, self._controller
+        if controller.in_safe_state:
+            return s.stop_deceleration_mps2
+        stops = controller.state is State.COMPENSATE and velocity_mps == AT_REST
+        return s.slip_stop_mps2 if stops else s.lift_acceleration_mps2
 
 
 def _is_valid(wanted: PolicyCommand) -> bool:
@@ -328,25 +314,17 @@ def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
     return any(target < at for target, at in fingers)
 
 
-def _thumb_alone(wanted: Counts3, gripper: GripperState) -> Counts3:
-    """Targets with which the thumb goes as far as wanted, without opening, and B and C stop."""
-    thumb, b, c = gripper.fingers
-    thumb_from = thumb.position_counts if _moves(thumb) else thumb.requested_counts
-    return max(wanted[0], thumb_from), _stopped(b), _stopped(c)
+def _in_contact(wanted: Counts3, gripper: GripperState, held: bool) -> Counts3:
+    """Targets with which the thumb alone closes, and no finger opens a held object."""
+    a, b, c = map(_present_target, gripper.fingers)
+    if held:
+        return max(wanted[0], a), b, c
+    return wanted[0], min(wanted[1], b), min(wanted[2], c)
 
 
-def _opening(wanted: Counts3, gripper: GripperState) -> Counts3:
-    """Targets with which no finger closes."""
-    a, b, c = (min(t, _stopped(f)) for t, f in zip(wanted, gripper.fingers, strict=True))
-    return a, b, c
-
-
-def _moves(finger: FingerState) -> bool:
-    return finger.detection is Detection.MOVING
-
-
-def _stopped(finger: FingerState) -> int:
-    return finger.min_closure_counts if _moves(finger) else finger.requested_counts
+def _present_target(finger: FingerState) -> int:
+    moves = finger.detection is Detection.MOVING
+    return finger.min_closure_counts if moves else finger.requested_counts
 
 
 def _frame(counts: NDArray[np.int16], t_ns: int | None) -> TactileFrame:

@@ -1,14 +1,12 @@
 """Policies that grasp badly, with the reflex and without it.
 
-Each policy lifts in `grasp/Lift-v0`: it closes to the weak grip of ``object.grip_counts``, then
-lifts. Without the reflex only the force guard acts. Policies:
+Each policy lifts an object in `grasp/Lift-v0`. Without the reflex only the force guard acts.
 
-- frozen: rests for 0.7 s, lifts at full speed and never reacts;
-- early: as frozen, but lifts as soon as the thumb is in contact;
-- opens: as frozen, and opens all fingers one second after the lift began;
-- random: as frozen; from the lift on, all actions are random, the arm's upwards;
-- noise: every action is random from the start and lasts 0.3 s; the fingers close more often than
-  they open.
+- frozen: closes to the weak grip of ``object.grip_counts``, lifts after 2 s, and never reacts;
+- early: as frozen, but lifts after 1 s, before the grip is complete;
+- opens: as frozen, and opens all fingers after 4 s;
+- random: as frozen; from the lift on all actions are random, those of the arm upwards;
+- noise: all actions are random and last 0.3 s; the fingers close more often than they open.
 """
 
 import argparse
@@ -18,18 +16,15 @@ from typing import Any, cast
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from grasp.policy_reflex import Admitted, Reflex
 from studies.runner import Study, add_trials, markdown, seeds_of
 
-STEPS, NOISE_STEPS = 600, 300  # of an episode
-REST_STEPS, OPENS_AFTER, NOISE_LASTS = 70, 100, 30
-CONTACT_N, SPAN_COUNTS = 0.3, 5
-POLICIES = ("frozen", "early", "opens", "random")
-NOISE = "noise"
+STEPS = {"frozen": 600, "early": 600, "opens": 600, "random": 600, "noise": 300}  # of an episode
+LIFT, EARLY, OPEN, NOISE_LASTS = 200, 100, 400, 30  # steps
+SPAN_COUNTS = 5  # of the environment's action
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -50,7 +45,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     object: str
     seed: int
     outcome: str  # held, dropped, or on the table
-    steps: int
     above: int
     commanded_n: float
     peak_n: float
@@ -71,32 +65,22 @@ class Timed:
         return admitted
 
 
-class Policy:
-    """One of the policies; call it once a step."""
+def action(task: Task, obs: dict[str, Any], step: int, grip: tuple[int, ...]) -> list[float]:
+    """The policy's action in that step."""
+    name, lifts = task.policy, step >= (EARLY if task.policy == "early" else LIFT)
+    if name == "noise":
+        return _uniform((-0.5, -0.5, -0.5, -1.0), task.seed, step // NOISE_LASTS)
+    if name == "random" and lifts:
+        return _uniform((-1.0, -1.0, -1.0, 0.0), task.seed, step)
+    if name == "opens" and step >= OPEN:
+        return [-1.0, -1.0, -1.0, 1.0]
+    fingers = np.clip((np.array(grip) - obs["fingers"]) / SPAN_COUNTS, -1.0, 1.0)
+    return [*fingers.tolist(), float(lifts)]
 
-    def __init__(self, name: str, grip: Sequence[int], seed: int) -> None:
-        self._name, self._grip = name, np.array(grip)
-        self._rng = np.random.default_rng(seed)
-        self._noise = np.zeros(4)
-        self._steps = 0
-        self._rested = self._lifted = 0  # steps since the grip was complete, since the lift began
 
-    def __call__(self, obs: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-        away = self._grip - obs["fingers"]
-        self._rested += self._rested > 0 or bool(np.abs(away).max() <= 1)
-        touches = self._name == "early" and obs["force_n"][0] >= CONTACT_N
-        self._lifted += self._lifted > 0 or touches or self._rested > REST_STEPS
-        action = np.append(np.clip(away / SPAN_COUNTS, -1.0, 1.0), float(self._lifted > 0))
-        if self._name == "random" and self._lifted:
-            action = self._rng.uniform((-1.0, -1.0, -1.0, 0.0), 1.0)
-        if self._name == NOISE:
-            if self._steps % NOISE_LASTS == 0:
-                self._noise = self._rng.uniform((-0.5, -0.5, -0.5, -1.0), 1.0)
-            action = self._noise
-        self._steps += 1
-        if self._name == "opens" and self._lifted > OPENS_AFTER:
-            action[:3] = -1.0
-        return action.astype(np.float32)
+def _uniform(least: tuple[float, ...], *seed: int) -> list[float]:
+    drawn: list[float] = np.random.default_rng(seed).uniform(least, 1.0).tolist()
+    return drawn
 
 
 def trial(task: Task) -> Row:
@@ -105,13 +89,13 @@ def trial(task: Task) -> Row:
 
     env = LiftEnvironment(task.object, reflex=task.reflex)
     config = load_config(task.object, "simulated")
-    policy = Policy(task.policy, config.object.grip_counts, task.seed)
+    grip = config.object.grip_counts
     obs, info = env.reset(seed=task.seed)
     timed = Timed(env.reflex)
     env.reflex = cast(Reflex, timed)
     above, commanded_n = 0, 0.0
-    for _ in range(NOISE_STEPS if task.policy == NOISE else STEPS):
-        obs, _, dropped, _, info = env.step(policy(obs))
+    for step in range(STEPS[task.policy]):
+        obs, _, dropped, _, info = env.step(np.array(action(task, obs, step, grip), np.float32))
         above += info["commanded_force_n"] > config.guard.force_limit_n
         commanded_n = max(commanded_n, info["commanded_force_n"])
         if dropped:
@@ -120,7 +104,7 @@ def trial(task: Task) -> Row:
     spent, n = np.sort(timed.spent_us), len(timed.spent_us)
     return Row(
         policy=task.policy, reflex=task.reflex, object=task.object, seed=task.seed,
-        outcome=outcome, steps=n, above=above, commanded_n=commanded_n,
+        outcome=outcome, above=above, commanded_n=commanded_n,
         peak_n=info["peak_force_n"], step_us=(spent[n // 2], spent[n * 99 // 100]),
     )  # fmt: skip
 
@@ -128,16 +112,16 @@ def trial(task: Task) -> Row:
 def options(parser: Parser) -> None:
     add_trials(parser, 10)
     parser.add_argument("--noise-seeds", type=whole(0, 100_000), default=10, metavar="N",
-                        help="episodes of `noise` with each object (default: 10)")  # fmt: skip
+                        help="of `noise` with the reflex, each object (default: 10)")  # fmt: skip
 
 
 def grid(args: argparse.Namespace) -> list[Task]:
-    noise = range(args.first_seed, args.first_seed + args.noise_seeds)
-    seeds = {**dict.fromkeys(POLICIES, seeds_of(args)), NOISE: noise}
+    first, few = args.first_seed, seeds_of(args)
+    many = range(first, first + args.noise_seeds)
     return [
         Task(policy, reflex, name, seed)
-        for policy in seeds for reflex in (False, True) for name in args.objects
-        for seed in seeds[policy]
+        for policy in STEPS for reflex in (False, True) for name in args.objects
+        for seed in (many if reflex and policy == "noise" else few)
     ]  # fmt: skip
 
 

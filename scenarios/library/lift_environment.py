@@ -3,7 +3,7 @@
 `import grasp.gym` registers it. One step is one control step of 10 ms in virtual time.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -45,19 +45,15 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
     (of this step's command, 0 without one) and ``admitted``, the result of the reflex.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
-
     def __init__(
         self,
         object: str = "can",  # noqa: A002  (as in `grasp.lift`)
         *,
         reflex: bool = True,
         detector: str | None = None,
-        render_mode: None = None,
     ) -> None:
         """``object``, ``detector``: as for `grasp.lift`. ``reflex``: False: the force guard acts
         alone. ``options`` of ``reset`` with these names take their place. Raises ConfigError."""
-        self.render_mode = render_mode
         self._options = {"object": object, "reflex": reflex, "detector": detector}
         self._configure(self._options)
         taxels = self._config.tactile.taxels

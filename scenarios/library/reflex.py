@@ -2,38 +2,27 @@
 
 import msgspec
 
-from detector.decision import DecisionRule
 from drivers.interfaces import FINGERS
-from grasp.contact_estimator import Stiffness
-from grasp.controller_settings import GripPlan
-from grasp.guard import ForceGuard
 from grasp.monitors.checks import Monitors
 from grasp.policy_reflex import PolicyArmHistory, Reflex, ReflexController
-from grasp.slip_monitor import SlipMonitor
 from grasp.step import GraspStep
-from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import make_guard, patience_s
+from scenarios.trial.execution import make_controller, make_step
 
 
 def make_reflex(config: TrialConfig) -> Reflex:
-    """The reflex. The object is unknown: its contact is as stiff as the guard assumes at most.
+    """The reflex for an unknown object: its contact is as stiff as the guard assumes.
 
     Raises ConfigError for a force limit that the hand cannot keep, BadFile for a damaged detector.
     """
-    make_guard(config)  # makes the checks
-    known, detector = calibration(config), config.make_detector(FINGERS)
-    stiffness = Stiffness(config.guard.contact_stiffness_npm * known.m_per_count)
-    plan = GripPlan((0, 0, 0), (0, 0, 0), config.guard.force_limit_n, stiffness)
-    settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
+    replace = msgspec.structs.replace
+    unknown = replace(config.object, grip_counts=(0, 0, 0), contact_stiffness_npm=None)
+    config, detector = replace(config, object=unknown), config.make_detector(FINGERS)
 
-    def make_step() -> GraspStep:
+    def parts() -> GraspStep:
         monitors = Monitors(config.monitors)
         monitors.arm = PolicyArmHistory(config.monitors)
-        controller = ReflexController(
-            settings, plan, SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
-        )
-        guard = ForceGuard(config.guard, known.least_force_n, stiffness, known.least_speed_mps)
-        return GraspStep(detector, controller, guard, monitors)
+        controller = make_controller(config, kind=ReflexController)
+        return make_step(config, controller, monitors=monitors, detector=detector)
 
-    return Reflex(settings, make_step, config.guard.force_limit_n)
+    return Reflex(config.controller, parts, config.guard.force_limit_n)
