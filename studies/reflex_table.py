@@ -101,7 +101,7 @@ def trial(task: Task) -> Row:
         if dropped:
             break
     outcome = "dropped" if info["dropped"] else "held" if info["held"] else "on the table"
-    spent, n = np.sort(timed.spent_us), len(timed.spent_us)
+    spent, n = sorted(timed.spent_us), len(timed.spent_us)
     return Row(
         policy=task.policy, reflex=task.reflex, object=task.object, seed=task.seed,
         outcome=outcome, above=above, commanded_n=commanded_n,
