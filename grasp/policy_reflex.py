@@ -50,6 +50,7 @@ from grasp.states import State, StateMachine, Trigger
 from grasp.step import GraspStep
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
+COUNTS = frozenset(range(256))
 
 
 class PolicyCommand(msgspec.Struct, frozen=True, kw_only=True):
@@ -215,7 +216,7 @@ class Reflex:
         refused: list[str] = []
         if not _is_valid(wanted):
             wanted = PolicyCommand(hand=HoldFingers())
-            refused.append("a value that is not finite, or not above 0: hand and arm hold")
+            refused.append("a value that is out of range or not finite: hand and arm hold")
         opens = _opens(wanted.hand, gripper)
         state = self._controller.state
         releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
@@ -227,9 +228,10 @@ class Reflex:
         )  # fmt: skip
         own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
         controller, velocity = self._controller, wanted.arm_velocity_mps
+        ramp_mps2 = self._settings.lift_acceleration_mps2
         hand: GripperCommand | None = None
         if self._settings.reactions:
-            velocity = self._admit_arm(obs, velocity, refused)
+            velocity, ramp_mps2 = self._admit_arm(obs, velocity, refused)
             if own:
                 hand, self._below_limit = own[-1], False
             elif not (controller.in_safe_state or controller.state is State.COMPENSATE):
@@ -238,8 +240,7 @@ class Reflex:
             hand = self._guarded(wanted.hand, gripper)
         self._sent = hand or self._sent
         return Admitted(
-            hand=hand, arm_velocity_mps=velocity,
-            arm_acceleration_mps2=self._acceleration(velocity),
+            hand=hand, arm_velocity_mps=velocity, arm_acceleration_mps2=ramp_mps2,
             state=controller.state, slip=controller.slip_monitor.status, held=controller.held,
             exhausted=controller.cap_reached, estimated_force_n=obs.estimated_n,
             faults=controller.faults, refused=tuple(refused),
@@ -278,30 +279,30 @@ class Reflex:
         new = gripper.fresh and admitted != self._sent
         return admitted if new and isinstance(admitted, GripperCommand) else None
 
-    def _admit_arm(self, obs: Observation, wanted: Vector3, refused: list[str]) -> Vector3:
-        controller, admitted = self._controller, wanted
+    def _admit_arm(
+        self, obs: Observation, wanted: Vector3, refused: list[str]
+    ) -> tuple[Vector3, float]:
+        """Velocity of the arm, and the acceleration towards it."""
+        s, controller, admitted = self._settings, self._controller, wanted
+        ramp_mps2 = s.lift_acceleration_mps2
         settles = not controller.held and controller.grips(obs)
-        if settles or controller.in_safe_state or controller.state is State.SETTLE:
-            admitted = AT_REST
+        if controller.in_safe_state:
+            admitted, ramp_mps2 = AT_REST, s.stop_deceleration_mps2
+        elif settles or controller.state is State.SETTLE:
+            admitted, ramp_mps2 = AT_REST, s.slip_stop_mps2
         elif controller.state is State.COMPENSATE or controller.cap_reached:
             admitted = (0.0, 0.0, min(0.0, wanted[2]))
+            ramp_mps2 = s.slip_stop_mps2 if admitted == AT_REST else ramp_mps2
         if admitted != wanted:
             refused.append(f"motion of the arm in the state {controller.state}")
-        return admitted
-
-    def _acceleration(self, velocity_mps: Vector3) -> float:
-        s, controller = self._settings, self._controller
-        if controller.in_safe_state:
-            return s.stop_deceleration_mps2
-        stops = controller.state is State.COMPENSATE and velocity_mps == AT_REST
-        return s.slip_stop_mps2 if stops else s.lift_acceleration_mps2
+        return admitted, ramp_mps2
 
 
 def _is_valid(wanted: PolicyCommand) -> bool:
     hand, numbers = wanted.hand, [*wanted.arm_velocity_mps]
     if isinstance(hand, MoveFingers):
-        numbers += [*hand.targets_counts, hand.speed_mps, hand.force_n]
-        if min(hand.speed_mps, hand.force_n) <= 0.0:
+        numbers += [hand.speed_mps, hand.force_n]
+        if min(hand.speed_mps, hand.force_n) <= 0.0 or not {*hand.targets_counts} <= COUNTS:
             return False
     return all(map(math.isfinite, numbers))
 

@@ -110,7 +110,7 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     [
         PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, float("nan"))),
         PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)),
-        PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, 0.0)),
+        PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)),
         PolicyCommand(hand=OPEN, arm_velocity_mps=(0.0, 0.0, float("nan"))),
     ],
 )
