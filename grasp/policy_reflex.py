@@ -84,10 +84,10 @@ class Admitted(msgspec.Struct, frozen=True, kw_only=True):
 
     def send(self, gripper: Gripper, arm: Arm) -> Applied | None:
         """Send it; returns what the gripper applied. Raises the drivers' errors."""
-        if self.arm_velocity_mps == AT_REST:
-            arm.stop(self.arm_acceleration_mps2)
-        else:
+        if self.arm_velocity_mps != AT_REST:
             arm.drive(self.arm_velocity_mps, 0.0, self.arm_acceleration_mps2)
+        elif arm.state is None or arm.state.moving:
+            arm.stop(self.arm_acceleration_mps2)
         return None if self.hand is None else to_gripper(self.hand, gripper)
 
 
