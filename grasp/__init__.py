@@ -1,4 +1,4 @@
-"""A grasp controller that feels slip: the application, and a library of five calls.
+"""A grasp controller that feels slip: the application, and a library of six calls.
 
 >>> import grasp
 >>> lift = grasp.lift(object="can", seed=0)
@@ -10,9 +10,9 @@ device: that is what `grasp run --rig hardware` is for.
 
 TYPE_CHECKING = False  # as in typing, which this must not import
 if TYPE_CHECKING:
-    from scenarios.library.calls import campaign, detector, lift, replay, tap
+    from scenarios.library.calls import campaign, detector, lift, reflex, replay, tap
 
-__all__ = ["campaign", "detector", "lift", "replay", "tap"]
+__all__ = ["campaign", "detector", "lift", "reflex", "replay", "tap"]
 
 
 def __getattr__(name: str) -> object:

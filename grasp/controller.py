@@ -282,11 +282,14 @@ class GraspController:
         ):
             self._transition(Trigger.AT_TOP, obs, "arm at the top")
 
+    def _rising(self, obs: Observation) -> bool:
+        return self.state is State.LIFT  # in `hold` the arm is at rest
+
     def _respond_to_slip(self, obs: Observation) -> bool:
         """Respond to slip or lost contact, or add a due margin. Return whether a response started
         or the object is lost."""
         slip, lost = self.slip_monitor.status, self._contact.thumb_lost
-        rising = self.state is State.LIFT  # in `hold` the arm is at rest
+        rising = self._rising(obs)
         # with `hold_by_clock` slip at the limit is ignored: no closing and no set-down could follow
         ignored = self._settings.hold_by_clock and obs.at_cap
         if lost and obs.at_cap:

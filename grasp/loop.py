@@ -301,7 +301,7 @@ class ControlLoop:
         if command is None:
             self._set_fallback(None, "")
         else:
-            self._set_fallback(partial(_to_gripper, command), describe(command))
+            self._set_fallback(partial(to_gripper, command), describe(command))
 
     def _await_period(self) -> int:
         """Sleep until the next deadline and send commands that become due; returns the time."""
@@ -422,7 +422,7 @@ class ControlLoop:
 
     def _to_device(self, command: Command) -> Applied | None:
         if isinstance(command, GripperCommand):
-            return _to_gripper(command, self._devices.gripper)
+            return to_gripper(command, self._devices.gripper)
         if isinstance(command, MoveArm):
             self._poll_arm_before_command()
             self._devices.arm.move_to(
@@ -438,7 +438,8 @@ class ControlLoop:
         return None
 
 
-def _to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
+def to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
+    """Send a command to the gripper; returns what it applied. Raises Refused."""
     if isinstance(command, MoveFingers):
         return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
     if isinstance(command, CloseFast):

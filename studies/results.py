@@ -36,7 +36,7 @@ from scenarios.campaign.summary import TRIALS, paper_rate, summarize
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.rigs.workers import Workers
-from studies import difficulty_sweep, drop_rate, runner
+from studies import difficulty_sweep, drop_rate, reflex_table, runner
 from studies import results_page as pages
 from studies.physics_levels import ERRORS_MM, MUJOCO, ONE_AXIS, SCENES, cheapest
 from studies.results_detectors import benchmark, detectors
@@ -248,6 +248,19 @@ def drops(run: Run) -> Made:
     return rows
 
 
+def reflex(run: Run) -> Made:
+    """Policies that grasp badly, with the reflex and without it."""
+    every, rows = run.study("reflex_table"), []
+    for name, own in reflex_table.groups(every).items():
+        rows += [percent(name, f"{outcome}, %", sum(r.outcome == outcome for r in own), len(own))
+                 for outcome in ("held", "dropped")]  # fmt: skip
+        rows += [Row(name, "commands above the limit", sum(r.above for r in own), n=len(own)),
+                 Row(name, "highest commanded force, N", max(r.commanded_n for r in own)),
+                 Row(name, "highest true force, N", max(r.peak_n for r in own))]  # fmt: skip
+    p50, p99 = (statistics.median(r.step_us[i] for r in every if r.reflex) for i in (0, 1))
+    return [*rows, Row("one step of the reflex", "processor time, µs", p50, None, p99, len(every))]
+
+
 def timing(run: Run) -> Made:
     """Wall times of the control loop in lifts on the emulated rig."""
     config = load_config("can", "emulated", None, None, run.settings.rig_settings).for_lift()
@@ -267,7 +280,7 @@ def timing(run: Run) -> Made:
 PARTS: dict[str, Callable[[Run], Made]] = {
     part.__name__: part
     for part in (benchmark, detectors, campaign, hands, responses, contact, timing, difficulty,
-                 drops)
+                 drops, reflex)
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The five functions of the Python API. None of them can open a real device."""
+"""The six functions of the Python API. None of them can open a real device."""
 
 import os
 import sys
@@ -16,12 +16,14 @@ from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import FINGERS
 from grasp.clock import stopwatch_ns
 from grasp.fault import INTERRUPTED
+from grasp.policy_reflex import Reflex
 from grasp.settings import file_of
 from scenarios.campaign import run as campaign_runner
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.spec import read_spec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import summarize
+from scenarios.library.reflex import make_reflex
 from scenarios.library.results import (
     Campaign,
     Lift,
@@ -195,6 +197,37 @@ def detector(
     """
     config = _load("can", "simulated", name, None, _assignments(settings))
     return config.make_detector(fingers, taxels)
+
+
+def reflex(
+    detector: str | None = None,
+    force_limit_n: float | None = None,
+    *,
+    rig: str = "simulated",
+    profile: str = DEFAULT_PROFILE,
+    config: File | Sequence[File] | None = None,
+    settings: Settings | None = None,
+) -> Reflex:
+    """Make the reflex that keeps the grip of your own policy: see `grasp.policy_reflex`. It moves
+    nothing itself; its `step` returns what to send to hand and arm.
+
+    Args:
+        detector: as for `lift`.
+        force_limit_n: force limit of each finger; None: that of the settings, 10 N.
+        rig: whose hand the force limit is for. A real hand needs its own calibration, by a rig file
+            or `config`.
+        profile, config, settings: as for `lift`. With `controller.reactions` false, only the force
+            guard acts.
+
+    Raises:
+        ConfigError: for an unknown name, or a force limit that the hand cannot keep.
+        BadFile: for a detector that cannot be loaded.
+    """
+    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
+    files = [_path("config", file) for file in given if file is not None]
+    limit = {} if force_limit_n is None else {"guard.force_limit_n": force_limit_n}
+    assignments = _assignments({**(settings or {}), **limit})
+    return make_reflex(_load("can", rig, detector, files, assignments, profile))
 
 
 def _config(

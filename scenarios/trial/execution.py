@@ -97,11 +97,15 @@ def patience_s(config: TrialConfig) -> float:
     return max(config.controller.cap_patience_s, config.memory_s)
 
 
-def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
+def make_controller(
+    config: TrialConfig,
+    home: Vector3 | None = None,
+    kind: type[GraspController] = GraspController,
+) -> GraspController:
     """The controller; ``home`` is the arm's position from an earlier run, None: where it is now."""
     monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
     settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
-    return GraspController(settings, grip_plan(config, home), monitor)
+    return kind(settings, grip_plan(config, home), monitor)
 
 
 def make_step(

@@ -1,0 +1,11 @@
+"""Importing this module registers the gymnasium environment `grasp/Lift-v0`, which needs the extra
+`gym`."""
+
+try:
+    from gymnasium import register
+except ImportError:
+    raise ImportError("gymnasium is missing: pip install 'grasp-controller[gym]'") from None
+
+register(
+    "grasp/Lift-v0", "scenarios.library.lift_environment:LiftEnvironment", max_episode_steps=600
+)

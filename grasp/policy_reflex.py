@@ -1,0 +1,338 @@
+"""Reflex: keeps the grip of somebody else's policy, which commands hand and arm.
+
+It uses the application's detector, slip monitor, slip response and force guard, on these rules:
+
+1. No command has more force than the limit, and the fingers close at most at the speed of the
+   application's grasp.
+2. From the first contact on, only the thumb closes, because it carries the sum of B and C. Once
+   the thumb and another finger touch, the arm stands still until the hand has rested for settle
+   and baseline time (0.6 s). From then on the object is *held*.
+3. While the object is held, the fingers open for ``OpenFingers`` alone, the explicit release.
+4. When slip is registered, the hand closes to the limit and the policy's fingers wait. The arm
+   stops until slip is over; it may only go straight down.
+5. If slip continues at the limit, the arm may only go down until the object is released.
+6. After a fault, or if contact is lost, arm and hand stay in the application's safe state until
+   ``OpenFingers`` or ``reset``.
+"""
+
+import math
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import UsageError
+from drivers.interfaces import (
+    CODE_MAX,
+    OPEN_COUNTS,
+    Applied,
+    Arm,
+    ArmState,
+    Counts3,
+    Detection,
+    FingerState,
+    Gripper,
+    GripperState,
+    TactileFrame,
+    Vector3,
+)
+from grasp.commands import GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.controller import GraspController
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.fault import Fault
+from grasp.loop import to_gripper
+from grasp.monitors.arm import ArmHistory
+from grasp.monitors.settings import Failures
+from grasp.observation import Observation
+from grasp.slip_monitor import SlipMonitor, SlipStatus
+from grasp.states import State, StateMachine, Trigger
+from grasp.step import GraspStep
+
+AT_REST: Vector3 = (0.0, 0.0, 0.0)
+COUNTS = frozenset(range(256))
+
+
+class PolicyCommand(msgspec.Struct, frozen=True, kw_only=True):
+    """What a policy wants: a command to the hand, and the velocity of the tool in the base frame,
+    x, y, z in m/s."""
+
+    hand: MoveFingers | OpenFingers | HoldFingers
+    arm_velocity_mps: Vector3 = AT_REST
+
+
+class Admitted(msgspec.Struct, frozen=True, kw_only=True):
+    """What hand and arm are to do instead.
+
+    ``hand``: a new command; None: none is due, the last one stays in force. ``arm_velocity_mps``:
+    reached with ``arm_acceleration_mps2``. ``slip``: registered, masked, and by which finger.
+    ``held``: the object is held, so that only ``OpenFingers`` opens the hand. ``exhausted``: slip
+    continued at the force limit, so the object must be set down. ``faults``: why the safe state
+    was entered. ``refused``: what was refused or changed of the policy's command, in words.
+    """
+
+    hand: GripperCommand | None
+    arm_velocity_mps: Vector3
+    arm_acceleration_mps2: float
+    state: State
+    slip: SlipStatus
+    held: bool
+    exhausted: bool
+    estimated_force_n: Vector3
+    faults: tuple[Fault, ...] = ()
+    refused: tuple[str, ...] = ()
+
+    def send(self, gripper: Gripper, arm: Arm) -> Applied | None:
+        """Send it; returns what the gripper applied. Raises the drivers' errors."""
+        if self.arm_velocity_mps != AT_REST:
+            arm.drive(self.arm_velocity_mps, 0.0, self.arm_acceleration_mps2)
+        elif arm.state is None or arm.state.moving:
+            arm.stop(self.arm_acceleration_mps2)
+        return None if self.hand is None else to_gripper(self.hand, gripper)
+
+
+class PolicyObservation(Observation, kw_only=True):
+    """``below_limit``: the policy's last closing had less force than the limit, so that a finger
+    stopped on contact can close further."""
+
+    below_limit: bool = False
+
+    @property
+    def at_cap(self) -> bool:
+        return not self.below_limit and super().at_cap
+
+
+class PolicyArmHistory(ArmHistory):
+    """Plausibility of an arm that follows commands which are not known here."""
+
+    def update(self, arm: ArmState, pending: bool) -> Failures:
+        failures = super().update(arm, pending)
+        return {code: failures[code] for code in failures if code == "arm_position_nan"}
+
+
+class ReflexController(GraspController):
+    """Waits until the policy's grip rests, then responds to slip in the state `hold`."""
+
+    def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
+        replace = msgspec.structs.replace
+        own = replace(settings, keep=True, firm=False, hold_by_clock=False, reactions=True)
+        super().__init__(own, plan, monitor)
+        self.machine = StateMachine(State.CLOSE)
+
+    @property
+    def held(self) -> bool:
+        return self.state in (State.HOLD, State.COMPENSATE)
+
+    def touches(self, obs: Observation) -> bool:
+        """Whether any fingertip is in contact."""
+        closed = max(obs.gripper.positions) > OPEN_COUNTS
+        return closed and max(obs.estimated_n) >= self._settings.contact_n
+
+    def grips(self, obs: Observation) -> bool:
+        """Whether the thumb and an opposing finger are in contact."""
+        opposing = max(obs.estimated_n[1:]) >= self._settings.contact_n
+        return self.touches(obs) and opposing and not self._contact.thumb_lost
+
+    def _close(self, obs: Observation) -> None:
+        self._timer.restart(obs.t_ns)  # a policy may take its time
+        if obs.hand_rests and self.grips(obs):
+            self._transition(Trigger.GRIPPED, obs, "the hand rests in contact")
+            self._reset_detector = True
+
+    def _settle(self, obs: Observation) -> None:
+        s, armed = self._settings, self.slip_monitor.status.armed
+        if not obs.hand_rests or self._contact.thumb_lost:
+            self.slip_monitor.disarm()
+            self._transition(Trigger.TIGHTEN, obs, "the fingers move, or contact is lost")
+        elif not armed and self._lasted(obs, s.settle_s):
+            self._reset_detector = True
+            self.slip_monitor.arm()
+        elif self._lasted(obs, s.settle_s + s.baseline_s):
+            self._first_grasp, self._line.home = True, obs.arm.position_m
+            for trigger in (Trigger.SETTLED, Trigger.READY, Trigger.AT_TOP):
+                self._transition(trigger, obs, "the detector has its baseline")
+
+    def _rising(self, obs: Observation) -> bool:
+        return obs.arm.moving
+
+    def _hold(self, obs: Observation) -> None:
+        if not obs.hand_rests:  # the policy closes it
+            self.slip_monitor.closing(obs.t_ns)
+        else:
+            self._respond_to_slip(obs)
+
+    def _resume(self, obs: Observation, cause: str) -> None:
+        self.response.end()
+        self._transition(Trigger.AT_TOP, obs, cause)
+
+    def _give_up(self, obs: Observation, cause: str) -> None:
+        self.cap_reached = True
+
+
+class Reflex:
+    """Call ``step`` once a tactile sample, every 10 ms. No method reads a clock or a device."""
+
+    def __init__(
+        self, settings: ControllerSettings, make_step: Callable[[], GraspStep], force_limit_n: float
+    ) -> None:
+        """``make_step``: makes the parts of one grasp, with a ``ReflexController``."""
+        self._settings = settings
+        self._make_step = make_step
+        self._limit_n = force_limit_n
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the present grasp, slip and faults. An object in the hand is held again once the
+        hand has rested for 0.6 s."""
+        self._step = self._make_step()
+        assert isinstance(self._step.controller, ReflexController)  # noqa: S101
+        self._controller = self._step.controller
+        self._sent: GripperCommand | None = None  # the last command to the hand
+        self._below_limit = False
+
+    def step(
+        self,
+        tactile: TactileFrame | NDArray[np.int16],
+        gripper: GripperState,
+        arm: ArmState,
+        wanted: PolicyCommand,
+        *,
+        t_ns: int | None = None,
+    ) -> Admitted:
+        """What to send instead of the policy's command.
+
+        Args:
+            tactile: the present frame, or its counts (3, taxels): raw minus rest, pressing is
+                negative. From counts alone, taxels at an end of their range are not noticed.
+            gripper: the hand's state, read since the last command.
+            arm: the arm's state.
+            wanted: the policy's command, in every step the whole of it.
+            t_ns: time of this sample on the clock of the states; None: that of the frame.
+
+        Raises:
+            UsageError: for counts without ``t_ns``.
+        """
+        frame = tactile if isinstance(tactile, TactileFrame) else _frame(tactile, t_ns)
+        refused: list[str] = []
+        if not _is_valid(wanted):
+            wanted = PolicyCommand(hand=HoldFingers())
+            refused.append("a value that is out of range or not finite: hand and arm hold")
+        opens = _opens(wanted.hand, gripper)
+        state = self._controller.state
+        releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
+        if releases or (opens and state is State.SETTLE):
+            self.reset()
+        obs = PolicyObservation(
+            t_ns=frame.t_ns if t_ns is None else t_ns, frame=frame, rest_taken=True,
+            gripper=gripper, arm=arm, below_limit=self._below_limit,
+        )  # fmt: skip
+        own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
+        controller, velocity = self._controller, wanted.arm_velocity_mps
+        ramp_mps2 = self._settings.lift_acceleration_mps2
+        hand: GripperCommand | None = None
+        if self._settings.reactions:
+            velocity, ramp_mps2 = self._admit_arm(obs, velocity, refused)
+            if own:
+                hand, self._below_limit = own[-1], False
+            elif not (controller.in_safe_state or controller.state is State.COMPENSATE):
+                hand = self._admit_hand(obs, wanted.hand, opens, refused)
+        else:
+            hand = self._guarded(wanted.hand, gripper)
+        self._sent = hand or self._sent
+        return Admitted(
+            hand=hand, arm_velocity_mps=velocity, arm_acceleration_mps2=ramp_mps2,
+            state=controller.state, slip=controller.slip_monitor.status, held=controller.held,
+            exhausted=controller.cap_reached, estimated_force_n=obs.estimated_n,
+            faults=controller.faults, refused=tuple(refused),
+        )  # fmt: skip
+
+    def _admit_hand(
+        self, obs: Observation, wanted: GripperCommand, opens: bool, refused: list[str]
+    ) -> GripperCommand | None:
+        gripper, held = obs.gripper, self._controller.held
+        if isinstance(wanted, HoldFingers) and gripper.at_rest:
+            return None
+        if not isinstance(wanted, MoveFingers):
+            return self._guarded(wanted, gripper)
+        if opens and held:
+            refused.append("opening: the object is held, and only OpenFingers releases it")
+        if wanted.force_n > self._limit_n:
+            refused.append(f"force {wanted.force_n:g} N: the limit is {self._limit_n:g} N")
+        targets, speed_mps = wanted.targets_counts, wanted.speed_mps
+        if self._controller.touches(obs):
+            targets = _in_contact(targets, gripper, held)
+            if targets == gripper.requested:
+                return None
+        if any(target > at for target, at in zip(targets, gripper.positions, strict=True)):
+            speed_mps = min(speed_mps, self._settings.grip_speed_mps)
+        hand = self._guarded(MoveFingers(targets, speed_mps, wanted.force_n), gripper)
+        if isinstance(hand, HoldFingers):
+            refused.append("closing: the estimated force is above the limit")
+        elif isinstance(hand, MoveFingers):
+            self._below_limit = hand.force_n < self._limit_n
+        return hand
+
+    def _guarded(self, command: GripperCommand, gripper: GripperState) -> GripperCommand | None:
+        """What the guard admits. None if it was sent already, or if the hand has not confirmed the
+        last command yet."""
+        admitted = self._step.admit(command, gripper)
+        new = gripper.fresh and admitted != self._sent
+        return admitted if new and isinstance(admitted, GripperCommand) else None
+
+    def _admit_arm(
+        self, obs: Observation, wanted: Vector3, refused: list[str]
+    ) -> tuple[Vector3, float]:
+        """Velocity of the arm, and the acceleration towards it."""
+        s, controller, admitted = self._settings, self._controller, wanted
+        ramp_mps2 = s.lift_acceleration_mps2
+        settles = not controller.held and controller.grips(obs)
+        if controller.in_safe_state:
+            admitted, ramp_mps2 = AT_REST, s.stop_deceleration_mps2
+        elif settles or controller.state is State.SETTLE:
+            admitted, ramp_mps2 = AT_REST, s.slip_stop_mps2
+        elif controller.state is State.COMPENSATE or controller.cap_reached:
+            admitted = (0.0, 0.0, min(0.0, wanted[2]))
+            ramp_mps2 = s.slip_stop_mps2 if admitted == AT_REST else ramp_mps2
+        if admitted != wanted:
+            refused.append(f"motion of the arm in the state {controller.state}")
+        return admitted, ramp_mps2
+
+
+def _is_valid(wanted: PolicyCommand) -> bool:
+    hand, numbers = wanted.hand, [*wanted.arm_velocity_mps]
+    if isinstance(hand, MoveFingers):
+        numbers += [hand.speed_mps, hand.force_n]
+        if min(hand.speed_mps, hand.force_n) <= 0.0 or not {*hand.targets_counts} <= COUNTS:
+            return False
+    return all(map(math.isfinite, numbers))
+
+
+def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
+    """Whether a command moves a finger back from where it is."""
+    if not isinstance(hand, MoveFingers):
+        return isinstance(hand, OpenFingers)
+    fingers = zip(hand.targets_counts, gripper.min_closure_counts, strict=True)
+    return any(target < at for target, at in fingers)
+
+
+def _in_contact(wanted: Counts3, gripper: GripperState, held: bool) -> Counts3:
+    """Targets with which the thumb alone closes, and no finger opens a held object."""
+    a, b, c = map(_present_target, gripper.fingers)
+    if held:
+        return max(wanted[0], a), b, c
+    return wanted[0], min(wanted[1], b), min(wanted[2], c)
+
+
+def _present_target(finger: FingerState) -> int:
+    moves = finger.detection is Detection.MOVING
+    return finger.min_closure_counts if moves else finger.requested_counts
+
+
+def _frame(counts: NDArray[np.int16], t_ns: int | None) -> TactileFrame:
+    """A frame of counts, with raw codes in the middle of the range."""
+    if t_ns is None:
+        raise UsageError("counts have no time", "give t_ns, or a TactileFrame")
+    counts = np.asarray(counts, np.int16)
+    rest = np.full_like(counts, CODE_MAX // 2)
+    raw = np.clip(counts + rest, 1, CODE_MAX - 1)
+    return TactileFrame(t_ns, t_ns, 0, counts, raw, rest, np.zeros_like(counts))

@@ -1,0 +1,28 @@
+"""Makes the reflex of `grasp.reflex` from settings."""
+
+import msgspec
+
+from drivers.interfaces import FINGERS
+from grasp.monitors.checks import Monitors
+from grasp.policy_reflex import PolicyArmHistory, Reflex, ReflexController
+from grasp.step import GraspStep
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.execution import make_controller, make_step
+
+
+def make_reflex(config: TrialConfig) -> Reflex:
+    """The reflex for an unknown object: its contact is as stiff as the guard assumes.
+
+    Raises ConfigError for a force limit that the hand cannot keep, BadFile for a damaged detector.
+    """
+    replace = msgspec.structs.replace
+    unknown = replace(config.object, grip_counts=(0, 0, 0), contact_stiffness_npm=None)
+    config, detector = replace(config, object=unknown), config.make_detector(FINGERS)
+
+    def parts() -> GraspStep:
+        monitors = Monitors(config.monitors)
+        monitors.arm = PolicyArmHistory(config.monitors)
+        controller = make_controller(config, kind=ReflexController)
+        return make_step(config, controller, monitors=monitors, detector=detector)
+
+    return Reflex(config.controller, parts, config.guard.force_limit_n)

@@ -1,0 +1,143 @@
+"""The reflex holds what a policy would drop, within the force limit; `grasp/Lift-v0` follows the
+API of gymnasium."""
+
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from numpy.typing import NDArray
+
+import grasp
+from drivers.errors import ConfigError, UsageError
+from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.policy_reflex import AT_REST, PolicyCommand
+from grasp.states import State
+from scenarios.library.lift_environment import LiftEnvironment
+
+OPEN = MoveFingers((0, 0, 0), 0.022, 10.0)
+UP = (0.0, 0.0, 0.1)
+
+
+@pytest.fixture
+def held() -> LiftEnvironment:
+    """A can that the reflex holds 5 cm above the table; steps of the reflex move nothing."""
+    env = LiftEnvironment("can")
+    obs, info = env.reset(seed=0)
+    while info["height_m"] < 0.05:
+        lifts = float(info["admitted"].held)
+        obs, _, _, _, info = env.step(np.array([*closing(obs), lifts], np.float32))
+    return env
+
+
+def test_environment_follows_gymnasium() -> None:
+    check_env(gymnasium.make("grasp.gym:grasp/Lift-v0").unwrapped)
+
+
+def test_missing_gymnasium_is_one_line_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, "grasp.gym", raising=False)
+    with pytest.raises(ImportError, match=r"^gymnasium is missing: pip install .*\[gym\]'$"):
+        __import__("grasp.gym")
+
+
+def closing(obs: dict[str, Any]) -> NDArray[np.float64]:
+    """Action of the fingers that ends in a weak grip of the can."""
+    return np.clip((55 - obs["fingers"]) / 5, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(("lift_at", "open_at"), [(200, 600), (100, 600), (200, 400)])
+def test_reflex_holds_what_a_careless_policy_loses(lift_at: int, open_at: int) -> None:
+    ends = []
+    for reflex in (False, True):
+        env = LiftEnvironment("can", reflex=reflex)
+        obs, info = env.reset(seed=1)
+        for step in range(600):
+            fingers = -np.ones(3) if step > open_at else closing(obs)
+            obs, _, _, _, info = env.step(np.array([*fingers, step > lift_at], np.float32))
+        ends.append((info["held"], info["peak_force_n"] < 11.0))
+    assert ends == [(False, True), (True, True)]
+
+
+def test_no_command_of_a_random_policy_passes_the_limit() -> None:
+    env, rng, peaks = LiftEnvironment("can"), np.random.default_rng(0), []
+    for seed in range(3):
+        _, info = env.reset(seed=seed, options={"object": ("can", "foam", "ball")[seed]})
+        for step in range(300):
+            if step % 30 == 0:
+                action = rng.uniform((-0.5, -0.5, -0.5, -1.0), 1.0).astype(np.float32)
+            _, _, _, _, info = env.step(action)
+            hand = info["admitted"].hand
+            if isinstance(hand, MoveFingers | CloseFast):
+                limit_n = hand.force_n if isinstance(hand, MoveFingers) else hand.force_cap_n
+                assert limit_n <= 10.0 and info["commanded_force_n"] <= 10.0
+        peaks.append(info["peak_force_n"])
+    assert max(peaks) < 11.0
+
+
+def test_a_held_object_is_released_by_open_fingers_alone(held: LiftEnvironment) -> None:
+    reflex, states = held.reflex, held.states()
+    t_ns = states[0].t_ns
+    kept = reflex.step(*states, PolicyCommand(hand=OPEN, arm_velocity_mps=UP), t_ns=t_ns)
+    assert kept.held and kept.hand is None and "opening" in kept.refused[0]
+    assert kept.arm_velocity_mps == UP
+    released = reflex.step(*states, PolicyCommand(hand=OpenFingers(0.1)), t_ns=t_ns)
+    assert released.hand == OpenFingers(0.1) and not released.held
+    frozen = reflex.step(*states, PolicyCommand(hand=HoldFingers(), arm_velocity_mps=UP), t_ns=t_ns)
+    assert frozen.arm_velocity_mps == AT_REST  # in contact again, and not at rest for 0.6 s
+
+
+def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
+    held: LiftEnvironment,
+) -> None:
+    reflex, states = held.reflex, held.states()
+    late_ns = states[0].t_ns + 1_000_000_000
+    up = PolicyCommand(hand=OPEN, arm_velocity_mps=UP)
+    fault = reflex.step(*states, up, t_ns=late_ns)
+    assert fault.state is State.FAULT and "gripper status too old" in fault.faults[0].line
+    assert isinstance(fault.hand, CloseFast) and fault.hand.force_cap_n == 10.0
+    again = reflex.step(*states, up, t_ns=states[0].t_ns)
+    assert again.faults == fault.faults and again.arm_velocity_mps == AT_REST
+    assert again.hand is None
+    reflex.reset()
+    assert reflex.step(*states, up, t_ns=states[0].t_ns).faults == ()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, float("nan"))),
+        PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)),
+        PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)),
+        PolicyCommand(hand=OPEN, arm_velocity_mps=(0.0, 0.0, float("nan"))),
+    ],
+)
+def test_a_command_that_is_no_number_holds_hand_and_arm(
+    held: LiftEnvironment, wrong: PolicyCommand
+) -> None:
+    admitted = held.reflex.step(*held.states(), wrong)
+    assert admitted.hand is None and admitted.arm_velocity_mps == AT_REST and admitted.refused
+
+
+def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
+    env = LiftEnvironment("can")
+    env.reset(seed=0)
+    _, gripper, arm = env.states()
+    strong = PolicyCommand(hand=MoveFingers((60, 60, 60), 0.11, 60.0))
+    counts = np.zeros((3, 6), np.int16)
+    admitted = grasp.reflex(detector="energy").step(
+        counts, gripper, arm, strong, t_ns=env.states()[0].t_ns
+    )
+    assert admitted.hand == MoveFingers((60, 60, 60), 0.022, 10.0)
+    assert admitted.refused == ("force 60 N: the limit is 10 N",)
+    with pytest.raises(UsageError, match="counts have no time"):
+        grasp.reflex().step(counts, gripper, arm, strong)
+
+
+def test_a_force_limit_that_the_hand_cannot_keep_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"settings: guard\.force_limit_n"):
+        grasp.reflex(force_limit_n=1000.0)
+    with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
+        grasp.reflex(force_limit_n=5.0)
