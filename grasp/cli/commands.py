@@ -1,6 +1,7 @@
 """Every command of `grasp` with its options and help. A function of the command's name implements
 it, in the module from ``main.module_of``: `grasp gripper step` is ``devices.gripper_step``."""
 
+import argparse
 from pathlib import Path
 
 from grasp.cli.options import (
@@ -48,6 +49,7 @@ def build_parser() -> Parser:
     root = Parser(prog="grasp", description=ROOT, epilog=ROOT_END)
     root.flag("--version", "show the version and exit")
     _add_run(root.command("run", "run a scenario", section=TRY))
+    _add_ros(root)
     _add_recordings(root)
     _add_campaign(root.command("campaign", "run a grid of trials in parallel", section=MEASURE))
     _add_dataset(root.command("dataset", "data sets of labelled recordings", section=MEASURE))
@@ -80,7 +82,8 @@ def _add_run(group: Parser) -> None:
     lift.flag("--first", "first lift of a new setup: slow, with the least force, step by step")
     tap.option("--direction DIR", "top, side (across the closing axis), closing (along it), or "
         "alternate: top and side in turn (default: alternate)")  # fmt: skip
-    tap.set_defaults(keep=False, first=False)
+    lift.option("--feed FD", argparse.SUPPRESS, int)  # steps for `grasp ros`
+    tap.set_defaults(keep=False, first=False, feed=None)
     press.option("--surface NAME", "one of config/surfaces, or a .toml file", default="planar")
     press.option("--direction DIR", "degrees in steps of 45, or cw or ccw", default="0")
     press.option("--speed MPS", "speed of a stroke, m/s", decimal(0.004, 0.2, "m/s"), default=0.05)
@@ -99,6 +102,16 @@ def _add_run(group: Parser) -> None:
         parser.option("--pace", "of the simulated rig: real time, or as fast as possible (default: "
             "real with --view or at a terminal)", choices=("real", "max"))  # fmt: skip
         share(parser, "rig seed config set json confirm dry")
+
+
+def _add_ros(root: Parser) -> None:
+    ros = root.command("ros", "ROS 2 node with topics, services and an action", ". Each lift runs "
+        "in its own process, as `grasp run lift`. Needs ROS 2, or the extra `ros`.",
+        ("grasp ros --rig simulated", "grasp ros --rig cell.toml --config grip.toml "
+        "--confirm-motion"), section=TRY)  # fmt: skip
+    ros.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
+    ros.option("--pace", "of the simulated rig", choices=("real", "max"), default="real")
+    share(ros, "object profile detector rig seed config set confirm")
 
 
 def _add_recordings(root: Parser) -> None:

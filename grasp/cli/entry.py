@@ -3,6 +3,7 @@ process at once: nothing needs clean-up yet, and a KeyboardInterrupt would show 
 
 import os
 import signal
+import sys
 
 INTERRUPTED = 130
 
@@ -23,3 +24,7 @@ def main() -> int:
     finally:
         if signal.getsignal(signal.SIGINT) is _quit:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -20,6 +20,7 @@ from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator
 from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
+from scenarios.report.step_feed import StepFeed
 from scenarios.trial.result import Failure
 from scenarios.trial.series import TrialContext
 
@@ -101,6 +102,9 @@ def _follow(
             args.runs, is_paced(args), display.tick, operator, permit, on_trial=display.trial,
             watch=None if page is None else page.watch, placed=args.first,
         )  # fmt: skip
+        if args.feed is not None:
+            feed = StepFeed(args.feed)
+            context = msgspec.structs.replace(context, watch=feed.watch, on_open=feed.begin)
         try:
             for finished, row in trial_series.run(experiment, context, store):
                 failure, result = finished.failure, finished.result

@@ -73,7 +73,8 @@ class RosMessages:
     def __init__(self, unix_ns: int, m_per_count: float) -> None:
         self._unix_ns, self._m_per_count = unix_ns, m_per_count
         self._state = ""
-        self._problems: dict[str, tuple[int, Fault]] = {}  # by device: its first, or most severe
+        # level and fault by device: its first, or most severe
+        self.problems: dict[str, tuple[int, Fault]] = {}
         self._diagnosed_ns: int | None = None
 
     def of_step(
@@ -105,7 +106,7 @@ class RosMessages:
         if changed or self._diagnosed_ns is None or t_ns - self._diagnosed_ns >= DIAGNOSTICS_NS:
             self._diagnosed_ns = t_ns
             stamp_ns = self._unix_ns + t_ns
-            made.append(diagnostics(stamp_ns, self._problems, control.phase))
+            made.append(diagnostics(stamp_ns, self.problems, control.phase))
         return made
 
     def _at(self, t_ns: int, topic: str, frame: str, fields: Fields) -> Message:
@@ -114,12 +115,12 @@ class RosMessages:
 
     def _note(self, control: ControlMessage) -> bool:
         """Remember each device's problem; returns whether one is new or more severe."""
-        before = dict(self._problems)
+        before = dict(self.problems)
         for level, faults in ((WARN, control.reported), (ERROR, control.errors + control.faults)):
             for fault in faults:
-                if self._problems.get(fault.device, (OK,))[0] < level:
-                    self._problems[fault.device] = level, fault
-        return self._problems != before
+                if self.problems.get(fault.device, (OK,))[0] < level:
+                    self.problems[fault.device] = level, fault
+        return self.problems != before
 
 
 def header(stamp_ns: int, frame: str = "") -> Fields:

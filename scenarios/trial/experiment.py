@@ -73,6 +73,7 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
         def attempt(
             seed: int, rig: GraspRig, home: Vector3 | None
         ) -> tuple[FinishedRun[ResultT], Vector3]:
+            context.on_open(rig.clock)
             with Record(
                 used, self.name, seed, context.runs, rig.clock, context.look, home
             ) as record:

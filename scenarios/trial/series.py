@@ -9,6 +9,7 @@ import msgspec
 from drivers.errors import GraspError, Refused, Stale
 from drivers.interfaces import Vector3
 from grasp import signals
+from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import IMPLAUSIBLE, INTERRUPTED
 from grasp.loop import Tick
@@ -49,6 +50,7 @@ class TrialContext(msgspec.Struct, frozen=True):
     remaining: RemainingTrials | None = None
     watch: Watch | None = None  # like on_tick, with truth and controller
     on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: number, total
+    on_open: Callable[[Clock], None] = lambda clock: None  # before each: the rig's clock
     placed: bool = False  # the first object is in place: the operator is not asked for it
 
     def look(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:

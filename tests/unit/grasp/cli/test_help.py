@@ -35,7 +35,7 @@ def test_every_example_is_a_command_of_this_program() -> None:
 
 def test_every_command_has_its_function() -> None:
     names = [leaf.get_default("command") for leaf in build_parser().leaves()]
-    assert len(names) == 32
+    assert len(names) == 33
     for name in names:
         assert callable(getattr(module_of(name), name.replace(" ", "_")))
 

@@ -91,6 +91,7 @@ LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
     ("run", "tap"): ["run", "tap", "--rig", "simulated", "--pace", "max", "--trials", "1"],
     ("run", "acquire"): ["run", "acquire", "--rig", "simulated", "--pace", "max"],
+    ("ros",): ["ros", "--rig", "simulated"],
     ("config",): ["config"],
     ("doctor",): ["doctor", "--rig", "simulated"],
     ("emulate",): ["emulate"],
@@ -172,7 +173,7 @@ def test_rig_file_for_real_devices_is_hardware_under_any_name(
 
 
 WITH_A_RIG = {
-    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [],
+    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [], ("ros",): [],
     ("release",): [], ("doctor",): [],
     **{("gripper", name): [] for name in GRIPPER}, ("status",): ["arm"],
     ("arm", "step"): ["--z", "1"], ("arm", "back"): ["run"], ("arm", "stop"): [],

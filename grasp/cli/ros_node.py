@@ -1,0 +1,358 @@
+"""The ROS 2 node `grasp`: topics, services and the action, as docs/ros.md describes them.
+
+The node controls nothing. Each lift is a process of its own, which feeds its steps through a pipe
+that never blocks it; a subscriber cannot delay it. Needs `rclpy`.
+"""
+
+import math
+import os
+import shlex
+import threading
+import time
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from drivers.interfaces import FINGER_NAMES
+from grasp import signals
+from grasp.cli import exits
+from grasp.cli.child import Child
+from grasp.cli.ros_lifts import Goal, Lifts
+from grasp.fault import INTERRUPTED, TRIAL, Fault
+from scenarios.report.ros_topics import (
+    ERROR,
+    LATCHED,
+    RELIABLE,
+    SENSOR,
+    STATE,
+    TOPICS,
+    Message,
+    RosMessages,
+    diagnostics,
+)
+from scenarios.report.step_feed import Begin, Step
+
+NAME = "grasp"
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+IDLE, STARTING = "idle", "starting"  # states without control steps
+FEEDBACK_NS = 100_000_000
+THREADS = 4  # a lift or release, a cancel or stop, the diagnostics, one more
+SPIN_S = 0.1
+LAST_SPINS = 5  # a client still asks for its result
+QOS = {
+    SENSOR: qos_profile_sensor_data,
+    LATCHED: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+    RELIABLE: QoSProfile(depth=10),
+}
+
+
+class Outcome(NamedTuple):
+    """Result of a lift for its client; NaN: unknown."""
+
+    success: bool
+    verdict: str
+    message: str
+    slip_distance_m: float
+    peak_force_n: tuple[float, ...]  # A, B, C
+
+    @classmethod
+    def of(cls, printed: dict[str, Any]) -> "Outcome":
+        """Of what `grasp run lift --json` printed."""
+        error = printed.get("error") or {}
+        result = printed.get("result") if error else printed
+        result = result or {}
+        forces = result.get("peak_force_n") or result.get("peak_estimated_n") or {}
+        slipped_m = result.get("slip_distance_m")
+        return cls(
+            result.get("success") is True,
+            str(result.get("outcome") or error.get("kind")),
+            " ".join(filter(None, (error.get("message"), error.get("remedy")))),
+            math.nan if slipped_m is None else slipped_m,
+            tuple(float(forces.get(name, math.nan)) for name in FINGER_NAMES),
+        )
+
+
+class OwnAction:
+    """Goal, feedback and result in `grasp_msgs/action/Lift`."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind = kind
+
+    def goal(self, request: Any) -> Goal:
+        return Goal(request.object, request.profile)
+
+    def feedback(self, step: Step) -> Any:
+        control = step.control
+        return self.kind.Feedback(
+            phase=control.phase, slip=control.probabilities, slip_registered=control.registered,
+            force=list(control.estimated_n),
+        )  # fmt: skip
+
+    def result(self, outcome: Outcome) -> Any:
+        return self.kind.Result(
+            success=outcome.success, verdict=outcome.verdict, message=outcome.message,
+            slip_distance=outcome.slip_distance_m, peak_force=list(outcome.peak_force_n),
+        )  # fmt: skip
+
+
+class Fibonacci(OwnAction):
+    """The same as whole numbers, in `example_interfaces/action/Fibonacci`, whose goal is ignored:
+    the standard action that every installation has, where `grasp_msgs` was not built."""
+
+    def goal(self, request: Any) -> Goal:
+        return Goal()
+
+    def feedback(self, step: Step) -> Any:
+        control = step.control
+        numbers = (*control.probabilities, control.registered, *control.estimated_n)
+        return self.kind.Feedback(sequence=[_thousandths(number) for number in numbers])
+
+    def result(self, outcome: Outcome) -> Any:
+        numbers = (outcome.success, outcome.slip_distance_m, *outcome.peak_force_n)
+        return self.kind.Result(sequence=[_thousandths(number) for number in numbers])
+
+
+def _thousandths(number: float) -> int:
+    """The number times 1000, -1 for NaN."""
+    return -1 if math.isnan(number) else round(number * 1000)
+
+
+def action_type() -> OwnAction:
+    """The first action that can be imported: `grasp_msgs`, then standard ones."""
+    for package, kind in (
+        ("grasp_msgs", OwnAction), ("example_interfaces", Fibonacci), ("test_msgs", Fibonacci),
+    ):  # fmt: skip
+        try:
+            module = import_module(f"{package}.action")
+        except ImportError:
+            continue
+        return kind(module.Lift if kind is OwnAction else module.Fibonacci)
+    raise ImportError("no action in grasp_msgs, example_interfaces or test_msgs")
+
+
+class GraspNode:
+    """The node on an initialized `rclpy`; ``spin`` runs it until a signal."""
+
+    def __init__(self, lifts: Lifts) -> None:
+        self._lifts = lifts
+        self._node = node = rclpy.create_node(NAME)
+        self._log = node.get_logger()
+        for name, value in (("rig", lifts.rig), ("object", lifts.object)):
+            node.declare_parameter(name, value, _read_only())
+        self._publishers = {
+            topic: node.create_publisher(message_type(kind), topic, QOS[qos])
+            for topic, (kind, qos) in TOPICS.items()
+        }
+        group = ReentrantCallbackGroup()  # a stop must not wait for a lift
+        for name, act in (("stop", self._stop), ("release", self._release)):
+            node.create_service(Trigger, f"~/{name}", _trigger(act), callback_group=group)
+        self._action = action_type()
+        self._server = ActionServer(
+            node, self._action.kind, "~/lift", self._lift, callback_group=group,
+            goal_callback=self._accept, cancel_callback=self._cancel,
+        )  # fmt: skip
+        node.create_timer(1.0, self._beat)
+        self._busy = threading.Lock()  # held during a lift or a release
+        self._child: Child | None = None
+        self._stopping = False
+        self._state, self._last = IDLE, "none"
+        self._problems: dict[str, tuple[int, Fault]] = {}
+        self._warned = False
+        self._publish_state(IDLE)
+
+    def spin(self) -> None:
+        """Run until a signal, then stop a lift and wait for its end."""
+        executor = MultiThreadedExecutor(THREADS)
+        executor.add_node(self._node)
+        try:
+            while not signals.received() or self._busy.locked():
+                if signals.received():
+                    self._stop()
+                executor.spin_once(SPIN_S)
+            for _ in range(LAST_SPINS):
+                executor.spin_once(SPIN_S)
+        finally:
+            executor.shutdown()
+            self._server.destroy()
+            self._node.destroy_node()
+
+    # Action
+
+    def _accept(self, request: Any) -> Any:
+        goal = self._action.goal(request)
+        problem = self._lifts.problem(goal)
+        if not problem and (signals.received() or not self._busy.acquire(blocking=False)):
+            problem = "a lift or a release is running"
+        if problem:
+            self._log.warning(f"lift refused: {problem}")
+            return GoalResponse.REJECT
+        self._stopping = False
+        return GoalResponse.ACCEPT
+
+    def _cancel(self, handle: Any) -> Any:
+        self._stop()
+        return CancelResponse.ACCEPT
+
+    def _lift(self, handle: Any) -> Any:
+        """Run a lift to its end; holds ``_busy``, which ``_accept`` took."""
+        try:
+            self._publish_state(STARTING)
+            self._child = child = Child(self._lifts.words(self._action.goal(handle.request)), True)
+            if self._stopping:  # requested before the process existed
+                child.stop()
+            messages = self._follow(child, handle)
+            printed = child.result()
+            outcome = Outcome.of(printed)
+            self._last = outcome.verdict
+            self._problems = _problems(messages, printed.get("error"))
+            if handle.is_cancel_requested:
+                handle.canceled()
+            elif outcome.success:
+                handle.succeed()
+            else:
+                handle.abort()
+            self._log.info(f"lift: {outcome.verdict} {outcome.message}".rstrip())
+            return self._action.result(outcome)
+        finally:
+            self._child = None
+            self._publish_state(IDLE)
+            self._busy.release()
+
+    def _follow(self, child: Child, handle: Any) -> RosMessages | None:
+        """Publish what the lift feeds, until it ends."""
+        messages, due_ns, shown = None, 0, None
+        for line in child.lines():
+            if isinstance(line, Begin):
+                messages = RosMessages(line.unix_ns, self._lifts.m_per_count)
+                continue
+            if messages is None:
+                continue
+            step = line
+            for message in messages.of_step(
+                step.t_ns, step.tactile, step.gripper, step.arm, step.control
+            ):
+                self._publish(message)
+            event = (step.control.phase, step.control.registered)
+            if event != shown or step.t_ns >= due_ns:
+                shown, due_ns = event, step.t_ns + FEEDBACK_NS
+                handle.publish_feedback(self._action.feedback(step))
+        return messages
+
+    # Services
+
+    def _stop(self) -> tuple[bool, str]:
+        self._stopping = True
+        child = self._child
+        if child is None:
+            return True, "no lift is running"
+        child.stop()
+        return True, "stopping: the arm stops, the hand keeps its grip"
+
+    def _release(self) -> tuple[bool, str]:
+        permit = self._lifts.permit
+        if permit is None:
+            return False, f"the rig {self._lifts.rig} ends with each lift: no hand is held closed"
+        if not self._busy.acquire(blocking=False):
+            return False, "refused: a lift or a release is running"
+        try:
+            printed = Child([*shlex.split(permit.release)[1:], "--json"]).result()
+        finally:
+            self._busy.release()
+        error = printed.get("error")
+        if error:
+            return False, f"{error['message']} ({error['remedy']})"
+        return True, f"released, fingers at {printed['positions_counts']} counts"
+
+    # Topics
+
+    def _beat(self) -> None:
+        """Publish diagnostics where no lift does, and look for a second node of this name."""
+        if self._state in (IDLE, STARTING):
+            more = {"rig": self._lifts.rig, "last lift": self._last}
+            self._publish(diagnostics(time.time_ns(), self._problems, self._state, **more))
+        if not self._warned and self._node.get_node_names().count(NAME) > 1:
+            self._warned = True
+            self._log.warning(f"another node is named {NAME}: set another ROS_DOMAIN_ID for one")
+
+    def _publish_state(self, state: str) -> None:
+        self._publish(Message(STATE, 0, {"data": state}))
+
+    def _publish(self, message: Message) -> None:
+        if message.topic == STATE:
+            self._state = message.fields["data"]
+        made = message_type(TOPICS[message.topic].type)()
+        fill(made, message.fields)
+        self._publishers[message.topic].publish(made)
+
+
+def _problems(
+    messages: RosMessages | None, error: dict[str, Any] | None
+) -> dict[str, tuple[int, Fault]]:
+    """Problems of a finished lift: of its devices, or why it did not run."""
+    found = messages.problems if messages else {}
+    if error and error["kind"] != INTERRUPTED and not found:
+        fault = Fault(error["kind"], TRIAL, error["message"], error["remedy"])
+        return {TRIAL: (ERROR, fault)}
+    return found
+
+
+def _read_only() -> Any:
+    return ParameterDescriptor(read_only=True)
+
+
+def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
+    """Callback of a Trigger service."""
+
+    def serve(_: Any, response: Any) -> Any:
+        response.success, response.message = act()
+        return response
+
+    return serve
+
+
+@cache
+def message_type(name: str) -> Any:
+    """The class of `package/msg/Name`, or of `package/Name`."""
+    package, *_, kind = name.split("/")
+    return getattr(import_module(f"{package}.msg"), kind)
+
+
+def fill(message: Any, fields: dict[str, Any]) -> None:
+    """Set fields of a message, also nested ones, from plain values."""
+    types = message.get_fields_and_field_types()
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            element = message_type(types[name].removeprefix("sequence<").removesuffix(">"))
+            elements = [element() for _ in value]
+            for one, of in zip(elements, value, strict=True):
+                fill(one, of)
+            setattr(message, name, elements)
+        else:
+            setattr(message, name, bytes([value]) if types[name] == "octet" else value)
+
+
+def run(lifts: Lifts) -> int:
+    """Run the node until a signal; returns the exit code."""
+    # a node that can move an arm is not offered to a network unless somebody asks for that
+    os.environ.setdefault(DISCOVERY, "LOCALHOST")
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with signals.deferred():
+            node = GraspNode(lifts)
+            exits.report_line(f"ROS 2 node /{NAME} on rig {lifts.rig}, Ctrl-C ends it")
+            node.spin()
+    finally:
+        rclpy.try_shutdown()
+    return exits.SUCCESS

@@ -1,0 +1,83 @@
+"""Writes a trial's control steps to a pipe as JSON lines, for the process that started this one.
+
+A write never waits: a line that the pipe cannot take whole is lost. When nobody reads the pipe any
+more, the process that requested the trial has ended, and the trial is stopped as by a signal.
+"""
+
+import os
+import signal
+
+import msgspec
+
+from drivers.interfaces import GripperState
+from grasp.clock import Clock
+from grasp.controller import GraspController
+from grasp.loop import Tick
+from grasp.messages import ArmMessage, ControlMessage, arm_message, control_message
+from scenarios.world.truth import Truth
+
+LINE_BYTES = 4096  # up to here a pipe takes a line whole or not at all
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """First line of a trial: Unix time at which its clock was 0."""
+
+    unix_ns: int
+
+
+class Tactile(msgspec.Struct, frozen=True):
+    """Part of ``TactileMessage``: counts, row-major (finger, taxel)."""
+
+    sampled_ns: int
+    counts: list[int]
+
+
+class Step(msgspec.Struct, frozen=True, tag=True):
+    """One control step: messages of the recording, without commands."""
+
+    t_ns: int
+    tactile: Tactile | None
+    gripper: GripperState
+    arm: ArmMessage
+    control: ControlMessage
+
+
+class StepFeed:
+    """Feeds a pipe with the steps of trials; ``descriptor`` is its writing end."""
+
+    def __init__(self, descriptor: int) -> None:
+        os.set_inheritable(descriptor, False)
+        os.set_blocking(descriptor, False)
+        self._descriptor = descriptor
+        self._begin: Begin | None = None  # not sent yet
+        self._read = True
+
+    def begin(self, clock: Clock) -> None:
+        """Begin a trial on an open rig with this clock."""
+        self._begin = Begin(clock.unix_ns)
+
+    def watch(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        """Send one step."""
+        if self._begin is not None and self._send(self._begin):
+            self._begin = None
+        frame, tactile = tick.frame, None
+        if frame is not None:
+            tactile = Tactile(frame.sampled_ns, frame.counts.ravel().tolist())
+        control = control_message(tick.observation, tick.decision)
+        control = msgspec.structs.replace(control, commands=[])
+        self._send(Step(tick.t_ns, tactile, tick.gripper, arm_message(tick.arm), control))
+
+    def _send(self, message: msgspec.Struct) -> bool:
+        """Send a line; returns whether it was sent."""
+        line = msgspec.json.encode(message) + b"\n"
+        if not self._read or len(line) > LINE_BYTES:
+            return False
+        try:
+            os.write(self._descriptor, line)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self._read = False
+            signal.raise_signal(signal.SIGTERM)
+            return False
+        return True
