@@ -86,20 +86,13 @@ def _value(store: Any, node: Any, detail: Any, value: Any) -> Any:
 
 def _qos(kind: str) -> Any:
     """The quality of service at which the node publishes."""
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
+    from rosbags import interfaces as of
 
-    unset = QosTime(0, 0)
-    return Qos(
-        QosHistory.KEEP_LAST,
+    unset = of.QosTime(0, 0)
+    return of.Qos(
+        of.QosHistory.KEEP_LAST,
         DEPTHS.get(kind, 10),
-        QosReliability.BEST_EFFORT if kind == SENSOR else QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if kind == LATCHED else QosDurability.VOLATILE,
-        unset, unset, QosLiveliness.AUTOMATIC, unset, False,
+        of.QosReliability.BEST_EFFORT if kind == SENSOR else of.QosReliability.RELIABLE,
+        of.QosDurability.TRANSIENT_LOCAL if kind == LATCHED else of.QosDurability.VOLATILE,
+        unset, unset, of.QosLiveliness.AUTOMATIC, unset, False,
     )  # fmt: skip
