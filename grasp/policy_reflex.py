@@ -9,7 +9,8 @@ It uses the application's detector, slip monitor, slip response and force guard,
    and baseline time (0.6 s). From then on the object is *held*.
 3. While the object is held, the fingers open for ``OpenFingers`` alone, the explicit release.
 4. When slip is registered, the hand closes to the limit and the policy's fingers wait. The arm
-   stops until slip is over; it may only go straight down.
+   stops until slip is over; it may only go straight down. The same holds for the arm while the
+   fingers of a policy move, because slip is not monitored then.
 5. If slip continues at the limit, the arm may only go down until the object is released.
 6. After a fault, or if contact is lost, arm and hand stay in the application's safe state until
    ``OpenFingers`` or ``reset``.
@@ -286,11 +287,14 @@ class Reflex:
         s, controller, admitted = self._settings, self._controller, wanted
         ramp_mps2 = s.lift_acceleration_mps2
         settles = not controller.held and controller.grips(obs)
+        unmonitored = controller.slip_monitor.status.masked or not obs.hand_rests
         if controller.in_safe_state:
             admitted, ramp_mps2 = AT_REST, s.stop_deceleration_mps2
         elif settles or controller.state is State.SETTLE:
             admitted, ramp_mps2 = AT_REST, s.slip_stop_mps2
-        elif controller.state is State.COMPENSATE or controller.cap_reached:
+        elif controller.held and (
+            controller.state is State.COMPENSATE or controller.cap_reached or unmonitored
+        ):
             admitted = (0.0, 0.0, min(0.0, wanted[2]))
             ramp_mps2 = s.slip_stop_mps2 if admitted == AT_REST else ramp_mps2
         if admitted != wanted:

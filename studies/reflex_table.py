@@ -22,8 +22,9 @@ from grasp.cli.parser import Parser
 from grasp.policy_reflex import Admitted, Reflex
 from studies.runner import Study, add_trials, markdown, seeds_of
 
-STEPS = {"frozen": 600, "early": 600, "opens": 600, "random": 600, "noise": 300}  # of an episode
+STEPS = {"frozen": 600, "early": 600, "opens": 600, "random": 1200, "noise": 300}  # of an episode
 LIFT, EARLY, OPEN, NOISE_LASTS = 200, 100, 400, 30  # steps
+SLID_OUT = "slid out"
 SPAN_COUNTS = 5  # of the environment's action
 
 
@@ -44,7 +45,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     reflex: bool
     object: str
     seed: int
-    outcome: str  # held, dropped, or on the table
+    outcome: str  # held, dropped (from the air), slid out (on the table), or on the table
     above: int
     commanded_n: float
     peak_n: float
@@ -100,7 +101,9 @@ def trial(task: Task) -> Row:
         commanded_n = max(commanded_n, info["commanded_force_n"])
         if dropped:
             break
+    slid = not info["touched"] and task.policy != "noise"  # noise may never have gripped it
     outcome = "dropped" if info["dropped"] else "held" if info["held"] else "on the table"
+    outcome = SLID_OUT if slid and not info["dropped"] else outcome
     spent, n = sorted(timed.spent_us), len(timed.spent_us)
     return Row(
         policy=task.policy, reflex=task.reflex, object=task.object, seed=task.seed,
@@ -136,13 +139,13 @@ def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
 def table(rows: Sequence[Row]) -> str:
     """Outcomes, forces and cost of each policy, without the reflex and with it."""
     lines = [
-        (name, len(own), *(sum(r.outcome == o for r in own) for o in ("held", "dropped")),
+        (name, len(own), *(sum(r.outcome == o for r in own) for o in ("held", "dropped", SLID_OUT)),
          sum(r.above for r in own), max(r.commanded_n for r in own), max(r.peak_n for r in own),
          float(np.median([r.step_us[0] for r in own])),
          float(np.median([r.step_us[1] for r in own])))
         for name, own in groups(rows).items()
     ]  # fmt: skip
-    names = ("policy, reflex", "episodes", "held", "dropped", "commands above the limit",
+    names = ("policy, reflex", "episodes", "held", "dropped", SLID_OUT, "commands above the limit",
              "commanded, N", "true, N", "step, µs", "p99, µs")  # fmt: skip
     return markdown(dict(zip(names, zip(*lines, strict=True), strict=True)))
 

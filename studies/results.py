@@ -253,7 +253,7 @@ def reflex(run: Run) -> Made:
     every, rows = run.study("reflex_table"), []
     for name, own in reflex_table.groups(every).items():
         rows += [percent(name, f"{outcome}, %", sum(r.outcome == outcome for r in own), len(own))
-                 for outcome in ("held", "dropped")]  # fmt: skip
+                 for outcome in ("held", "dropped", reflex_table.SLID_OUT)]  # fmt: skip
         rows += [Row(name, "commands above the limit", sum(r.above for r in own), n=len(own)),
                  Row(name, "highest commanded force, N", max(r.commanded_n for r in own)),
                  Row(name, "highest true force, N", max(r.peak_n for r in own))]  # fmt: skip

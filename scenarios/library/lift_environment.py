@@ -40,8 +40,9 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
     Reward, an example: 1 while the object is off the table, -100 where it drops, which ends the
     episode.
 
-    ``info`` alone has the truth of the simulation: ``height_m``, ``slip_m``, ``held`` (off the
-    table and touched), ``dropped``, ``peak_force_n`` (highest so far); also ``commanded_force_n``
+    ``info`` alone has the truth of the simulation: ``height_m``, ``slip_m``,
+    ``touched`` (by a finger), ``held`` (off the table and touched), ``dropped``, ``peak_force_n``
+    (highest so far); also ``commanded_force_n``
     (of this step's command, 0 without one) and ``admitted``, the result of the reflex.
     """
 
@@ -149,7 +150,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         self._lifted = self._lifted or up
         return {
             "height_m": truth.height_m, "slip_m": truth.slip_distance_m,
-            "held": up and truth.touched, "dropped": self._lifted and not truth.touched,
+            "touched": truth.touched, "held": up and truth.touched,
+            "dropped": self._lifted and not truth.touched,
             "peak_force_n": max(truth.peak_n), "commanded_force_n": commanded_n,
             "admitted": admitted,
         }  # fmt: skip

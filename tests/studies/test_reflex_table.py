@@ -16,4 +16,4 @@ def test_an_episode_of_each_kind_is_one_line_of_the_table(
     assert len(lines) == 2 + 2 * len(reflex_table.STEPS)
     for policy in ("frozen", "early", "opens"):
         (line,) = (line for line in lines if line.startswith(f"| {policy}, with |"))
-        assert line.startswith(f"| {policy}, with | 1 | 1 | 0 | 0 | 10 |")
+        assert line.startswith(f"| {policy}, with | 1 | 1 | 0 | 0 | 0 | 10 |")
