@@ -259,12 +259,12 @@ class GraspNode:
         return True, "stopping: the arm stops, the hand keeps its grip"
 
     def _release(self) -> tuple[bool, str]:
-        permit = self._lifts.permit
-        if permit is None:
-            return False, f"the rig {self._lifts.rig} ends with each lift: no hand is held closed"
         if not self._busy.acquire(blocking=False):
             return False, "refused: a lift or a release is running"
         try:
+            permit = self._lifts.permit
+            if permit is None:
+                return False, f"the rig {self._lifts.rig} ends with each lift: no hand is closed"
             printed = Child([*shlex.split(permit.release)[1:], "--json"]).result()
         finally:
             self._busy.release()
