@@ -117,7 +117,7 @@ def test_services_during_and_after_a_lift(client: Client, start: Start, tmp_path
 
     start("--rig", "simulated")
     states = client.follow_state()
-    assert client.trigger("stop") == (True, "no lift is running")
+    assert client.trigger("stop") == (True, "nothing is running")
     handle = client.send_lift()
     client.until(lambda: states[-1].data == "lift", "the lift")
     assert not client.send_lift().accepted
