@@ -146,7 +146,7 @@ def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> Auxiliary
     except (OSError, ValueError, RecursionError) as error:  # ValueError: also ragged layers
         raise BadFile(path, f"holds no auxiliary outputs: {error}", remedy) from None
     if file.network != digest:
-        raise BadFile(path, f"belongs to another network than {weights.name}", remedy)
+        raise BadFile(path, f"was made for other weights than {weights.name} has now", remedy)
     width, hidden = input_width(loaded), len(file.layers[0].bias)
     shapes = [array.shape for layer in outputs.layers for array in layer]
     if shapes != [(width, hidden), (hidden,), (hidden, OUTPUTS), (OUTPUTS,)]:

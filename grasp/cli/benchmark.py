@@ -17,7 +17,7 @@ from grasp.cli import exits
 from grasp.cli.detector import check_named, warn_of_untuned_rule
 from grasp.cli.options import check_writable, workers
 from grasp.cli.output import progress, show
-from grasp.files import make_private_folder, write_whole
+from grasp.files import PRIVATE_FILE, Holder, locked, make_private_folder, write_whole
 
 FILE = "benchmark.json"
 CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
@@ -30,7 +30,7 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost, results_of_others
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -48,8 +48,11 @@ def benchmark(args: argparse.Namespace) -> int:
     out = args.out / FILE
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
+    same = (protocol.version, args.split, protocol.splits[args.split].digest, args.layout)
+    others, kept_costs = results_of_others(out, same, list(costs))
+    costs = kept_costs | costs
     try:
-        with _shown(hidden=args.json) as report:
+        with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
             title = filter(None, ("recordings", args.split, Path(args.layout).stem))
             folder = args.out / "-".join(title)
             recordings = ensure_recordings(
@@ -64,7 +67,7 @@ def benchmark(args: argparse.Namespace) -> int:
                 made.append(bench.detector(config))
                 file = BenchmarkFile(
                     version=protocol.version, split=args.split, seeds=seeds, layout=args.layout,
-                    command=_command(args, names), detectors=made, oracle=oracle,
+                    command=_command(args, names), detectors=[*others, *made], oracle=oracle,
                 )  # fmt: skip
                 content = msgspec.json.format(msgspec.json.encode(file), indent=1)
                 write_whole(out, content, private=True)
@@ -73,13 +76,18 @@ def benchmark(args: argparse.Namespace) -> int:
         kept = "interrupted before any detector was measured", "run it again: recordings are kept"
         if made:
             kept = (f"interrupted; {len(made)} of {len(names)} detectors are in {out}",
-                    "rename that file and run the others: recordings are kept")  # fmt: skip
+                    "run the others with the same --out")  # fmt: skip
         return exits.report("interrupted", *kept, args.json)
     from grasp.cli.recordings import write_page
 
     pages = [write_page(out), *_chart(file, costs, out)]
-    text = "\n".join([table(file, costs), "", *map(str, (out, *pages))])
+    text = "\n".join([table(file, costs), "", *failures(file), "", *map(str, (out, *pages))])
     return show(args, {**msgspec.to_builtins(file), "cost": costs}, text)
+
+
+def _busy(holder: Holder | None) -> UsageError:
+    who = "" if holder is None else f" (process {holder.pid}, since {holder.since})"
+    return UsageError(f"another benchmark writes to this folder{who}", "wait, or give --out")
 
 
 def _check_settings(args: argparse.Namespace) -> None:
@@ -165,22 +173,39 @@ def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
     return [path]
 
 
+def failures(file: Any) -> list[str]:
+    """Of each detector, the commonest reasons why lifts were not right."""
+    from scenarios.report.benchmark_page import by_number
+
+    lines = []
+    for each in file.detectors:
+        wrong = [f"{n} {cause}" for n, cause in by_number(each.lifts.causes)[:3]]
+        lines.append(f"{each.detector}: of {sum(each.lifts.causes.values())} lifts "
+                     f"{', '.join(wrong) or 'all right'}")  # fmt: skip
+    return lines
+
+
 def table(file: Any, costs: dict[str, Any]) -> str:
-    """One row a detector, then the oracle."""
+    """One row a detector, then the oracle; a column for each real recording."""
+    from scenarios.benchmark.streams import Figure
     from scenarios.report.benchmark_page import between, delays, number, percent
 
-    rows: list[tuple[str, ...]] = [HEADINGS]
+    real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
+    headings = (*HEADINGS, *(f"AUC, {name}" for name in real))
+    rows: list[tuple[str, ...]] = [headings]
     for each in file.detectors:
         p, s = each.point, each.streams
         rows.append((
             each.detector, f"{percent(p.right)} {between(p.right)}", percent(p.lifts_right),
             percent(p.taps_right), delays(p), number(s.false_per_min), percent(s.sustained),
-            number(s.auc, 3), f"{costs[each.detector].update_us:.0f}",
+            number(s.auc, 3),
+            f"{costs[each.detector].update_us:.0f}" if each.detector in costs else "",
+            *(number(each.real.get(name, Figure(None)), 3) for name in real),
         ))  # fmt: skip
     p = file.oracle[0]
     shares = map(percent, (p.right, p.lifts_right, p.taps_right))
-    rows.append(("oracle", *shares, delays(p), "0.0", "100.0", "1.000", ""))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
+    rows.append(("oracle", *shares, delays(p), "0.0", "100.0", "1.000", "", *("" for _ in real)))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(headings))]
     return "\n".join(
         "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
     )

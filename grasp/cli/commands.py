@@ -131,8 +131,9 @@ def _add_recordings(root: Parser) -> None:
     report = root.command("report", "write an HTML page of a run, campaign or score file", "", (
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
-    report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign; .json "
-        "file of `detector evaluate --out` or `benchmark`", Path, nargs="?")  # fmt: skip
+    report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign; .json file of "
+        "`detector evaluate --out`; folder or .json file of `benchmark`",
+        Path, nargs="?")  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
@@ -250,7 +251,8 @@ def _add_detector(group: Parser) -> None:
 
 def _add_benchmark(root: Parser) -> None:
     parser = root.command("benchmark", "score detectors with one fixed protocol", ": recordings, "
-        "lifts in which false alarms have a price, taps, cost. About five minutes a detector.", (
+        "lifts in which false alarms have a price, taps, cost. Three minutes a detector, seven "
+        "more in a new folder.", (
         "grasp benchmark", "grasp benchmark tcn mine.onnx mine.py:Vibration --split validation"),
         section=MEASURE)  # fmt: skip
     parser.option("detector NAME", "of config/detectors, or your files (default: all packaged "

@@ -138,6 +138,8 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     from scenarios.report.page import BEGINS
     from scenarios.report.run_page import page_path, run_page
 
+    if (found := run / "benchmark.json").is_file():
+        run = found
     database, evaluation = is_database(run), run.suffix == ".json"
     path = out or (run.with_suffix(".html") if database or evaluation else page_path(run))
     check_writable(path, BEGINS)

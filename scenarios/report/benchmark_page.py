@@ -14,7 +14,7 @@ from scenarios.report.page import Axis, Cell, Curve, Part, Plot, Section, Table,
 from scenarios.report.run_view import in_words
 
 SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
-DELAY = "median delay, ms (grey: later or never)"
+DELAY = "median delay, ms (grey: later, or more than half were missed)"
 RIGHT_AXIS = "lifts and taps done right, %"
 REAL = "Real recordings"
 SIMULATED = f'Everything is simulated, except what is under "{REAL}". Small: 95 % intervals.'
@@ -81,7 +81,8 @@ def _plot(file: BenchmarkFile) -> Plot:
     curves.append(Curve("oracle", places(file.oracle, n, n), "soft"))
     low = lowest([point for curve in curves for point in curve.points])
     return Plot(
-        "Delay and success of each threshold; dot: its rule", Axis(DELAY, 0.0, END_MS),
+        "Each line is a detector at several thresholds, the dot its own rule. The oracle reports "
+        "every slip exactly that late.", Axis(DELAY, 0.0, END_MS),
         Axis(RIGHT_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
     )  # fmt: skip
 
@@ -140,10 +141,16 @@ def _lifts(every: Sequence[DetectorResult]) -> list[Table]:
 
 def _causes(counts: dict[str, int]) -> Cell:
     total = sum(counts.values())
-    ordered = sorted(counts.items(), key=lambda item: (item[0] != RIGHT, -item[1], item[0]))
+    ordered = [(counts.get(RIGHT, 0), RIGHT), *by_number(counts)]
     kinds = {RIGHT: "good", **dict.fromkeys(HARM, "bad")}
-    parts = [Part(f"{n} {cause}", n / total, kinds.get(cause, "error")) for cause, n in ordered]
+    parts = [Part(f"{n} {cause}", n / total, kinds.get(cause, "error")) for n, cause in ordered]
     return Cell(f"{total}", parts=parts)
+
+
+def by_number(counts: dict[str, int]) -> list[tuple[int, str]]:
+    """What went wrong, the commonest first."""
+    wrong = [(n, cause) for cause, n in counts.items() if cause != RIGHT]
+    return sorted(wrong, key=lambda each: (-each[0], each[1]))
 
 
 def _taps(every: Sequence[DetectorResult]) -> Table:

@@ -110,8 +110,14 @@ def test_arm_moves_by_the_given_step_without_an_address_of_a_gripper(lab: Lab) -
     assert lab.height_m - before_m == pytest.approx(0.003, abs=0.0003)
     host = f"ur.host={lab.config.ur.host}"
     alone = sets((host, "ur.watchdog_hz=1", "ur.heartbeat_timeout_s=2", "arm.stale_after_s=1"))
-    back = grasp("arm", "step", "--z", "-3", *HARDWARE, *alone, *CONFIRMED)
-    assert back.code == 0, back
+
+    def back() -> bool:
+        moved = grasp("arm", "step", "--z", "-3", *HARDWARE, *alone, *CONFIRMED)
+        # a real program ends too if this computer is too busy to kick its watchdog each second
+        assert moved.code == 0 or "too busy to keep the program's watchdog" in moved.err, moved
+        return moved.code == 0
+
+    until(back)
     assert "safety mode 1: normal" in lab.grasp("status", "arm").out
 
 

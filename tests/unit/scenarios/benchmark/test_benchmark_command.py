@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from detector.recordings import write
+from drivers.errors import GraspError
 from grasp.cli.main import main
+from grasp.files import locked
 from scenarios.benchmark import protocol, run, streams
 from scenarios.report.benchmark_page import benchmark_page
 from tests.unit.detector.toy_recordings import toy
@@ -27,7 +29,7 @@ def benchmark(
     """`grasp benchmark` with the small protocol, in this process."""
 
     def built(_: object, __: str, folder: Path, *___: object) -> Recordings:
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         return recordings
 
     monkeypatch.setattr(protocol, "load_protocol", lambda: small)
@@ -46,7 +48,8 @@ def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
     captured = capsys.readouterr()
     heading, row, oracle, *_ = captured.out.splitlines()
     assert heading.startswith("detector  right, %") and row.startswith("energy    ")
-    assert oracle.startswith("oracle    100.0")
+    assert oracle.startswith("oracle    100.0") and heading.endswith("AUC, clip.npz")
+    assert "energy: of 8 lifts" in captured.out
     assert "energy, lifts: 8 of 8, 0 s left" in captured.err
     assert benchmark(*words, str(tmp_path / "two"), "--json") == 0
     shown = json.loads(capsys.readouterr().out)
@@ -58,7 +61,7 @@ def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
     text = page.read_text()
     for expected in ("energy does", "Everything is simulated", "AUC on clip.npz", "split test: "):
         assert expected in text
-    assert main(["report", str(page.with_suffix(".json"))]) == 0
+    assert main(["report", str(page.parent)]) == 0
     assert page.read_text() == text
 
 
@@ -70,7 +73,7 @@ def test_what_was_missed_or_not_measured_is_said_in_words(
     path = tmp_path / "benchmark.json"
     text = benchmark_page(path)
     assert "never / never" in text and "Not given" in text and "None" not in text
-    (tmp_path / "cost.json").unlink()
+    (tmp_path / "cost.json").write_text("{")
     assert "–" in benchmark_page(path)
     path.write_text(path.read_text().replace('"validation"', '"train"'))
     assert main(["report", str(path)]) == 2
@@ -90,8 +93,29 @@ def test_an_interrupted_benchmark_keeps_the_detectors_that_ended(
     monkeypatch.setattr(run.Benchmark, "detector", interrupted)
     assert benchmark("energy", "psd", "--out", str(tmp_path)) == 130
     assert f"; 1 of 2 detectors are in {tmp_path}/benchmark.json" in capsys.readouterr().err
-    file, _ = run.read_benchmark(tmp_path / "benchmark.json")
-    assert [each.detector for each in file.detectors] == ["energy"]
+    assert measured(tmp_path) == ["energy"]
+
+
+def measured(folder: Path) -> list[str]:
+    file, costs = run.read_benchmark(folder / "benchmark.json")
+    names = [each.detector for each in file.detectors]
+    assert set(names) <= costs.keys()
+    return names
+
+
+def test_a_folder_keeps_the_detectors_of_earlier_benchmarks_of_the_same_protocol(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("energy", "psd-fair", "energy"):
+        assert benchmark(name, "--out", str(tmp_path)) == 0
+    assert measured(tmp_path) == ["psd-fair", "energy"]
+    path = tmp_path / "benchmark.json"
+    path.write_text(path.read_text().replace('"layout": ""', '"layout": "eight"'))
+    with locked(tmp_path / ".lock", 0o600, lambda _: GraspError("held")):
+        assert benchmark("energy", "--out", str(tmp_path)) == 2
+    assert "another benchmark writes to this folder (process " in capsys.readouterr().err
+    assert benchmark("energy", "--out", str(tmp_path)) == 0
+    assert measured(tmp_path) == ["energy"]
 
 
 def test_impossible_requests_are_refused_before_anything_runs(
