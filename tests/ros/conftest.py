@@ -5,6 +5,7 @@ Every test has its own domain, on loopback. Tests wait for events with generous 
 judged by the stamps of messages, never by elapsed time.
 """
 
+import gc
 import random
 import subprocess
 import sys
@@ -39,6 +40,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.filterwarnings(ignored))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def sockets_of_the_middleware() -> None:
+    """Open the few sockets that the middleware keeps until the process ends."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        Client(random.randrange(1, 102)).close()
+
+
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
     """A domain for this test alone, restricted to loopback, here and in every process begun."""
@@ -62,12 +71,16 @@ class Client:
         self.node = rclpy.create_node("client", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self.states: list[str] = []
+        self._actions: list[Any] = []
 
     def close(self) -> None:
+        for action in self._actions:
+            action.destroy()
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+        self.node = self._executor = self._context = self._actions = None
+        gc.collect()  # frees the last references, and with them the sockets
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
         """Spin until the condition is true; fails after PATIENCE_S."""
@@ -110,6 +123,7 @@ class Client:
         from test_msgs.action import Fibonacci
 
         client = ActionClient(self.node, Fibonacci, "/grasp/lift")
+        self._actions.append(client)
         self.until(client.server_is_ready, "the action server")
         take = None if feedback is None else (lambda m: feedback.append(list(m.feedback.sequence)))
         return self.result(client.send_goal_async(Fibonacci.Goal(), feedback_callback=take), "goal")

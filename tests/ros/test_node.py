@@ -6,12 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from scenarios.rigs.emulated import ControlClient
 from tests.ros.conftest import GRASP, PATIENCE_S, SETS, Client, Start, process
+from tests.wire.lab import emulate, lab_file
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # of action_msgs/msg/GoalStatus
 TICK_NS = 10_000_000
@@ -117,7 +120,7 @@ def test_services_during_and_after_a_lift(client: Client, start: Start, tmp_path
 
     start("--rig", "simulated")
     states = client.follow_state()
-    assert client.trigger("stop") == (True, "no lift is running")
+    assert client.trigger("stop") == (True, "nothing is running")
     handle = client.send_lift()
     client.until(lambda: states[-1].data == "lift", "the lift")
     assert not client.send_lift().accepted
@@ -178,3 +181,28 @@ def test_two_nodes_of_one_name_both_work_and_warn(client: Client, start: Start) 
         assert any("another node is named grasp" in line for line in node.stderr)
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE_S) == 0
+
+
+def test_a_hand_left_closed_on_real_devices_is_opened_by_the_service(
+    client: Client, start: Start, tmp_path: Path
+) -> None:
+    with (
+        emulate("--object", "can") as endpoints,
+        closing(ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])) as cell,
+    ):
+        lab = ("--rig", "hardware", "--config", str(lab_file(tmp_path / "lab.toml", endpoints)))
+        activate = [*GRASP, "gripper", "activate", "--empty", *lab, "--confirm-motion"]
+        subprocess.run(activate, check=True, capture_output=True)
+        cell.ask("place")
+        assert start(*lab).wait(PATIENCE_S) == 2  # without a confirmation
+        start(*lab, "--confirm-motion")
+        states = client.follow_state()
+        handle = client.send_lift()
+        client.until(lambda: states[-1].data == "lift", "the lift")
+        assert client.trigger("stop")[0]
+        client.result(handle.get_result_async(), "the end")
+        (ended,) = results(tmp_path)
+        assert ended_safely(ended) and not ended["end"]["open"]
+        client.until(lambda: states[-1].data == "idle", "idle")
+        released, text = client.trigger("release")
+        assert released, text
