@@ -82,7 +82,7 @@ def _add_run(group: Parser) -> None:
     lift.flag("--first", "first lift of a new setup: slow, with the least force, step by step")
     tap.option("--direction DIR", "top, side (across the closing axis), closing (along it), or "
         "alternate: top and side in turn (default: alternate)")  # fmt: skip
-    lift.option("--feed FD", argparse.SUPPRESS, int)  # steps for `grasp ros`
+    lift.option("--feed FD", argparse.SUPPRESS, whole(3, 65_535))  # steps for `grasp ros`
     tap.set_defaults(keep=False, first=False, feed=None)
     press.option("--surface NAME", "one of config/surfaces, or a .toml file", default="planar")
     press.option("--direction DIR", "degrees in steps of 45, or cw or ccw", default="0")

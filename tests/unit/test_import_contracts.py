@@ -134,9 +134,11 @@ def dynamic(tree: ast.Module) -> list[str]:
 
 def test_no_module_is_named_in_a_string() -> None:
     found = {path: named_in_strings(tree) for path, tree in parsed()}
-    # the command line imports the module of the command that runs, all of them in its own package
+    # the command line imports the module of the command that runs, all of them in its own package;
+    # gymnasium imports an environment when it is made
     assert {path: names for path, names in found.items() if names} == {
-        "grasp/cli/main.py": {"grasp.cli"}
+        "grasp/cli/main.py": {"grasp.cli"},
+        "grasp/gym.py": {"scenarios.library.lift_environment"},
     }
 
 
