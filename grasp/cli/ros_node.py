@@ -15,7 +15,6 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -147,8 +146,6 @@ class GraspNode:
         self._lifts = lifts
         self._node = node = rclpy.create_node(NAME)
         self._log = node.get_logger()
-        for name, value in (("rig", lifts.rig), ("object", lifts.object)):
-            node.declare_parameter(name, value, _read_only())
         self._publishers = {
             topic: node.create_publisher(message_type(kind), topic, QOS[qos])
             for topic, (kind, qos) in TOPICS.items()
@@ -308,10 +305,6 @@ def _problems(
         fault = Fault(error["kind"], TRIAL, error["message"], error["remedy"])
         return {TRIAL: (ERROR, fault)}
     return found
-
-
-def _read_only() -> Any:
-    return ParameterDescriptor(read_only=True)
 
 
 def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
