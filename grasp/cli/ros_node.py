@@ -14,6 +14,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
+import msgspec
 import rclpy
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -68,8 +69,7 @@ class Outcome(NamedTuple):
     def of(cls, printed: dict[str, Any]) -> "Outcome":
         """Of what `grasp run lift --json` printed."""
         error = printed.get("error") or {}
-        result = printed.get("result") if error else printed
-        result = result or {}
+        result = (printed.get("result") or {}) if error else printed
         forces = result.get("peak_force_n") or result.get("peak_estimated_n") or {}
         slipped_m = result.get("slip_distance_m")
         return cls(
@@ -233,18 +233,13 @@ class GraspNode:
         for line in child.lines():
             if isinstance(line, Begin):
                 messages = RosMessages(line.unix_ns, self._lifts.m_per_count)
-                continue
-            if messages is None:
-                continue
-            step = line
-            for message in messages.of_step(
-                step.t_ns, step.tactile, step.gripper, step.arm, step.control
-            ):
-                self._publish(message)
-            event = (step.control.phase, step.control.registered)
-            if event != shown or step.t_ns >= due_ns:
-                shown, due_ns = event, step.t_ns + FEEDBACK_NS
-                handle.publish_feedback(self._action.feedback(step))
+            elif messages is not None:
+                for message in messages.of_step(*msgspec.structs.astuple(line)):
+                    self._publish(message)
+                event = (line.control.phase, line.control.registered)
+                if event != shown or line.t_ns >= due_ns:
+                    shown, due_ns = event, line.t_ns + FEEDBACK_NS
+                    handle.publish_feedback(self._action.feedback(line))
         return messages
 
     # Services
