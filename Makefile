@@ -9,9 +9,10 @@
 # make test-mutation  would the tests notice a changed line of the safety core?
 # make test-studies   each study on a small grid
 # make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
+#                                        make test-ros      the ROS 2 node, with rclpy
 # make clean     remove what make made               make test-browser  pages, in a Chromium
 # make results   every measured figure: docs/results.md and results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
-# make docs      the site, into build/site           make install-charts, -train, -cluster  extras
+# make docs      the site, into build/site           make install-charts, -train, -cluster, -ros  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -34,13 +35,14 @@ TRAIN := .venv/.installed-train
 CLUSTER := .venv/.installed-cluster
 CHARTS := .venv/.installed-charts
 EXPORTS := .venv/.installed-exports
+ROS := .venv/.installed-ros
 DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3.13 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-exports install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
+.PHONY: install install-dev install-charts install-exports install-train install-cluster install-ros docs lift test test-unit test-wire test-all test-nightly \
         test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
-        test-train test-cluster test-browser bench results check check-style check-types check-imports lock clean
+        test-train test-cluster test-browser test-ros bench results check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -48,6 +50,7 @@ install-charts: $(CHARTS)
 install-exports: $(EXPORTS)
 install-train: $(TRAIN)
 install-cluster: $(CLUSTER)
+install-ros: $(ROS)
 
 # A name on the PATH proves nothing (a version manager leaves names that only print an error), so
 # each candidate is run. The stamp holds the checkout's path: a copied .venv would run the original.
@@ -89,6 +92,11 @@ $(TRAIN): $(DEV) requirements/train.txt
 $(CLUSTER): $(DEV) requirements/cluster.txt
 	@echo "installing requirements/cluster.txt"
 	@$(PIP) --require-hashes -r requirements/cluster.txt
+	@touch $@
+
+$(ROS): $(DEV) requirements/ros.txt
+	@echo "installing requirements/ros.txt"
+	@$(PIP) --require-hashes -r requirements/ros.txt
 	@touch $@
 
 $(CHARTS): $(BASE) requirements/charts.txt
@@ -143,7 +151,7 @@ test-wire: install-dev
 	$(PYTEST) tests/wire
 
 # each lane has its own target
-LANES := test-nightly test-studies test-faults test-chaos test-soak test-fuzz test-mutation test-browser test-cluster test-train
+LANES := test-nightly test-studies test-faults test-chaos test-soak test-fuzz test-mutation test-browser test-cluster test-ros test-train
 test-all:
 	@$(MAKE) --no-print-directory --jobs=1 --keep-going test $(LANES)
 test-nightly: install-dev
@@ -158,6 +166,9 @@ test-browser: install-dev
 
 test-cluster: install-cluster
 	$(BIN)/python -m pytest -m slow tests/nightly/test_cluster.py
+
+test-ros: install-ros
+	$(BIN)/python -m pytest -m ros tests/ros
 
 # FROM, MINUTES, PLANS, RUNS and SEED reach the tests by the environment
 NIGHTLY := $(BIN)/python -m pytest -s -m nightly tests/nightly

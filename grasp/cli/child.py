@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
 import msgspec
 
+from grasp.fault import INTERNAL, INTERRUPTED
 from scenarios.report.step_feed import Begin, Step
 
 COMMAND = f"{__package__}.entry"
@@ -27,6 +29,7 @@ class Child:
         home, path = str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")
         self._out = TemporaryFile()  # noqa: SIM115  (a pipe could fill up and stop the command)
         self._lines, inherited = None, -1
+        self._stopped = False
         if feeds:
             reads, inherited = os.pipe()
             self._lines = os.fdopen(reads, "rb")
@@ -50,14 +53,17 @@ class Child:
         return self._process.pid
 
     def stop(self) -> None:
-        """Stop the command as Ctrl-C does. SIGTERM, because what a script starts in the background
-        ignores SIGINT."""
-        self._process.send_signal(signal.SIGTERM)
+        """Stop the command as one Ctrl-C does, however often this is called. SIGTERM, because what
+        a script starts in the background ignores SIGINT."""
+        if not self._stopped:
+            self._stopped = True
+            self._process.send_signal(signal.SIGTERM)
 
     def lines(self) -> Iterator[Begin | Step]:
-        """What the command feeds, until it ends."""
+        """What the command feeds, until it ends; a line that cannot be read is left out."""
         for line in self._lines or ():
-            yield LINE.decode(line)
+            with suppress(msgspec.MsgspecError):
+                yield LINE.decode(line)
 
     def result(self) -> dict[str, Any]:
         """Wait for the end, and return what the command printed; an object with `error` if that is
@@ -71,4 +77,5 @@ class Child:
                 return msgspec.json.decode(self._out.read(), type=dict[str, Any])
             except msgspec.DecodeError:
                 message = f"the process ended with exit code {code}"
-                return {"error": {"kind": "internal", "message": message, "remedy": ""}}
+                kind = INTERRUPTED if self._stopped else INTERNAL
+                return {"error": {"kind": kind, "message": message, "remedy": ""}}

@@ -182,6 +182,7 @@ class GraspNode:
             for _ in range(LAST_SPINS):
                 executor.spin_once(SPIN_S)
         finally:
+            self._stop()
             executor.shutdown()
             self._server.destroy()
             self._node.destroy_node()
@@ -224,6 +225,7 @@ class GraspNode:
             self._log.info(f"lift: {outcome.verdict} {outcome.message}".rstrip())
             return self._action.result(outcome)
         finally:
+            self._stop()  # only an exception leaves it running
             self._child = None
             self._publish_state(IDLE)
             self._busy.release()
@@ -254,19 +256,21 @@ class GraspNode:
         self._stopping = True
         child = self._child
         if child is None:
-            return True, "no lift is running"
+            return True, "nothing is running"
         child.stop()
         return True, "stopping: the arm stops, the hand keeps its grip"
 
     def _release(self) -> tuple[bool, str]:
-        permit = self._lifts.permit
-        if permit is None:
-            return False, f"the rig {self._lifts.rig} ends with each lift: no hand is held closed"
         if not self._busy.acquire(blocking=False):
             return False, "refused: a lift or a release is running"
         try:
-            printed = Child([*shlex.split(permit.release)[1:], "--json"]).result()
+            permit = self._lifts.permit
+            if permit is None:
+                return False, f"the rig {self._lifts.rig} ends with each lift: no hand is closed"
+            self._child = child = Child([*shlex.split(permit.release)[1:], "--json"])
+            printed = child.result()
         finally:
+            self._child = None
             self._busy.release()
         error = printed.get("error")
         if error:
