@@ -37,11 +37,6 @@ class Lifts:
         return str(self._args.rig)
 
     @property
-    def object(self) -> str:
-        """The object of a goal that names none."""
-        return str(self._args.object)
-
-    @property
     def m_per_count(self) -> float:
         """Fingertip travel of a motor count, m."""
         return float(self._config.calibration.m_per_count)

@@ -14,8 +14,8 @@ from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
+import msgspec
 import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -69,8 +69,7 @@ class Outcome(NamedTuple):
     def of(cls, printed: dict[str, Any]) -> "Outcome":
         """Of what `grasp run lift --json` printed."""
         error = printed.get("error") or {}
-        result = printed.get("result") if error else printed
-        result = result or {}
+        result = (printed.get("result") or {}) if error else printed
         forces = result.get("peak_force_n") or result.get("peak_estimated_n") or {}
         slipped_m = result.get("slip_distance_m")
         return cls(
@@ -147,8 +146,6 @@ class GraspNode:
         self._lifts = lifts
         self._node = node = rclpy.create_node(NAME)
         self._log = node.get_logger()
-        for name, value in (("rig", lifts.rig), ("object", lifts.object)):
-            node.declare_parameter(name, value, _read_only())
         self._publishers = {
             topic: node.create_publisher(message_type(kind), topic, QOS[qos])
             for topic, (kind, qos) in TOPICS.items()
@@ -236,18 +233,13 @@ class GraspNode:
         for line in child.lines():
             if isinstance(line, Begin):
                 messages = RosMessages(line.unix_ns, self._lifts.m_per_count)
-                continue
-            if messages is None:
-                continue
-            step = line
-            for message in messages.of_step(
-                step.t_ns, step.tactile, step.gripper, step.arm, step.control
-            ):
-                self._publish(message)
-            event = (step.control.phase, step.control.registered)
-            if event != shown or step.t_ns >= due_ns:
-                shown, due_ns = event, step.t_ns + FEEDBACK_NS
-                handle.publish_feedback(self._action.feedback(step))
+            elif messages is not None:
+                for message in messages.of_step(*msgspec.structs.astuple(line)):
+                    self._publish(message)
+                event = (line.control.phase, line.control.registered)
+                if event != shown or line.t_ns >= due_ns:
+                    shown, due_ns = event, line.t_ns + FEEDBACK_NS
+                    handle.publish_feedback(self._action.feedback(line))
         return messages
 
     # Services
@@ -308,10 +300,6 @@ def _problems(
         fault = Fault(error["kind"], TRIAL, error["message"], error["remedy"])
         return {TRIAL: (ERROR, fault)}
     return found
-
-
-def _read_only() -> Any:
-    return ParameterDescriptor(read_only=True)
 
 
 def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:

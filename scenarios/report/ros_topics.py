@@ -4,12 +4,12 @@ Nothing here imports ROS. The node makes messages of `rclpy` from these values, 
 bag. Units and frames follow REP 103 and REP 105: m, rad, N, s. docs/ros.md describes each topic.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, GripperState
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, LOOP, Fault
-from grasp.messages import ArmMessage, ControlMessage
+from grasp.messages import ArmMessage, ControlMessage, TactileMessage
 
 # Kinds of quality of service: best effort and short queue; the last value for late subscribers;
 # reliable.
@@ -54,15 +54,6 @@ class Message(NamedTuple):
     fields: Fields
 
 
-class Counts(Protocol):
-    """The part of ``TactileMessage`` that is needed."""
-
-    @property
-    def sampled_ns(self) -> int: ...
-    @property
-    def counts(self) -> Sequence[int]: ...
-
-
 class RosMessages:
     """Makes the messages of one run, step by step.
 
@@ -78,7 +69,7 @@ class RosMessages:
         self._diagnosed_ns: int | None = None
 
     def of_step(
-        self, t_ns: int, tactile: Counts | None, gripper: GripperState, arm: ArmMessage,
+        self, t_ns: int, tactile: TactileMessage | None, gripper: GripperState, arm: ArmMessage,
         control: ControlMessage,
     ) -> list[Message]:  # fmt: skip
         """Messages of a control step at ``t_ns``; the arguments are its messages in a recording.

@@ -13,7 +13,14 @@ from drivers.interfaces import GripperState
 from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from grasp.messages import ArmMessage, ControlMessage, arm_message, control_message
+from grasp.messages import (
+    ArmMessage,
+    ControlMessage,
+    TactileMessage,
+    arm_message,
+    control_message,
+    tactile_message,
+)
 from scenarios.world.truth import Truth
 
 LINE_BYTES = 4096  # up to here a pipe takes a line whole or not at all
@@ -25,18 +32,11 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     unix_ns: int
 
 
-class Tactile(msgspec.Struct, frozen=True):
-    """Part of ``TactileMessage``: counts, row-major (finger, taxel)."""
-
-    sampled_ns: int
-    counts: list[int]
-
-
 class Step(msgspec.Struct, frozen=True, tag=True):
     """One control step: messages of the recording, without commands."""
 
     t_ns: int
-    tactile: Tactile | None
+    tactile: TactileMessage | None
     gripper: GripperState
     arm: ArmMessage
     control: ControlMessage
@@ -60,9 +60,7 @@ class StepFeed:
         """Send one step."""
         if self._begin is not None and self._send(self._begin):
             self._begin = None
-        frame, tactile = tick.frame, None
-        if frame is not None:
-            tactile = Tactile(frame.sampled_ns, frame.counts.ravel().tolist())
+        tactile = None if tick.frame is None else tactile_message(tick.frame)
         control = control_message(tick.observation, tick.decision)
         control = msgspec.structs.replace(control, commands=[])
         self._send(Step(tick.t_ns, tactile, tick.gripper, arm_message(tick.arm), control))

@@ -12,10 +12,10 @@ import pytest
 from detector.scores.quantiles import quantile
 from grasp.messages import CONTROL
 from scenarios.trial.run_folder import open_trial
-from tests.ros.conftest import GRASP, PATIENCE_S, SETS, Client, process
+from tests.ros.conftest import GRASP, PATIENCE_S, ROOT, SETS, Client, open_lasting_sockets, process
 
 LIFTS = int(os.environ.get("LIFTS", "6"))
-DOMAIN = 99
+DOMAIN = 98
 
 
 def periods_ms(recording: Path) -> list[float]:
@@ -37,17 +37,23 @@ class Ages:
         self.ages_ms.append((time.time_ns() - self.stamps_ns[-1]) * 1e-6)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def lasting_sockets() -> None:
+    pytest.importorskip("rclpy")
+    open_lasting_sockets()
+
+
 @pytest.mark.bench
 @pytest.mark.timeout(3600)
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 def test_control_periods_with_and_without_the_node(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("rclpy")
     from geometry_msgs.msg import PointStamped, WrenchStamped
     from rclpy.qos import qos_profile_sensor_data as sensor
     from sensor_msgs.msg import JointState
 
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     client = Client(DOMAIN)

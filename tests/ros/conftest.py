@@ -40,7 +40,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def sockets_of_the_middleware() -> None:
+def lasting_sockets() -> None:
+    open_lasting_sockets()
+
+
+def open_lasting_sockets() -> None:
     """Open the few sockets that the middleware keeps until the process ends."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

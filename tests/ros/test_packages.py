@@ -3,12 +3,12 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from rosidl_adapter.parser import parse_action_file
-
 ROS = Path(__file__).parents[2] / "ros"
 
 
 def test_the_action_has_the_fields_that_the_node_uses() -> None:
+    from rosidl_adapter.parser import parse_action_file
+
     action = parse_action_file("grasp_msgs", str(ROS / "grasp_msgs" / "action" / "Lift.action"))
     goal, result, feedback = (
         {field.name: str(field.type) for field in part.fields}
