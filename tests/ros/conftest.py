@@ -1,5 +1,4 @@
-"""The node in a process of its own, a client of it in the process of the test, and two lifts to
-export.
+"""The node in a process of its own, and a client of it in the process of the test.
 
 Every test has its own domain, on loopback. Tests wait for events with generous deadlines; rates are
 judged by the stamps of messages, never by elapsed time.
@@ -171,7 +170,7 @@ def start(domain: int, tmp_path: Path) -> Iterator[Start]:
 
 @pytest.fixture(scope="session")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Folders of lifts with the seeds 0 and 1."""
+    """Folders of two recorded lifts, with the seeds 0 and 1."""
     found = []
     for seed in (0, 1):
         result = lift.run(config(), seed, tmp_path_factory.mktemp("runs")).result

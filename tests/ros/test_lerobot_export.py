@@ -14,8 +14,6 @@ from scenarios.report.lerobot_export import ACTION, write_lerobot
 from scenarios.report.run_record import read_run
 from tests.unit.scenarios.report.conftest import changed
 
-pytestmark = pytest.mark.ros
-
 ARROW = {"float32": "float", "int64": "int64", "bool": "bool"}
 STATISTICS = {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
 

@@ -17,8 +17,6 @@ from scenarios.report.ros_topics import SLIP, STATE, TAXELS, TOPICS, WRENCHES
 from scenarios.report.run_record import read_run
 from scenarios.trial.run_folder import open_trial
 
-pytestmark = pytest.mark.ros
-
 START_NS = 946_684_800_000_000_000  # a run in virtual time begins on 2000-01-01
 
 
@@ -78,7 +76,6 @@ def test_messages_hold_what_was_recorded(bag: Path, runs: list[Path]) -> None:
     assert len(found["/diagnostics"]) >= int(run.t_s[-1] - run.t_s[0])
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of rclpy's parser
 def test_a_player_finds_definitions_and_quality_of_service(bag: Path) -> None:
     """What `ros2 bag play`, PlotJuggler and Foxglove need of the file itself."""
     from rclpy.serialization import deserialize_message
