@@ -285,8 +285,14 @@ class _Translation:
         zero = self.constant(0.0) if base is None else base
         return self._products(out, zero, [(x, weights)])
 
-    def gemm(self, x: Places, w: Places, base: Places | None = None) -> Places:
-        return self.product(x, self._value(w), base)
+    def gemm(
+        self, x: Places, w: Places, base: Places | None = None,
+        *, alpha: float = 1.0, beta: float = 1.0, transB: int = 0,
+    ) -> Places:  # fmt: skip
+        if alpha != 1.0 or beta != 1.0:
+            raise ValueError("a product with factors")
+        weights = self._value(w)
+        return self.product(x, weights.T if transB else weights, base)
 
     def conv(self, x: Places, w: Places, bias: Places, *, pads: list[int],
              dilations: list[int] | None = None) -> Places:  # fmt: skip
@@ -338,9 +344,12 @@ class _Translation:
             raise ValueError("a maximum of another shape")
         return reduce(partial(self.elementwise, MAX), np.moveaxis(x, axes[0], 0))
 
-    def slice(self, x: Places, starts: Places, ends: Places, axes: Places) -> Places:
-        for start, end, axis in zip(starts, ends, axes, strict=True):
-            x = np.moveaxis(np.moveaxis(x, axis, 0)[start:end], 0, axis)
+    def slice(
+        self, x: Places, starts: Places, ends: Places, axes: Places, steps: Places | None = None
+    ) -> Places:
+        each = zip(starts, ends, axes, np.ones_like(axes) if steps is None else steps, strict=True)
+        for start, end, axis, step in each:
+            x = np.moveaxis(np.moveaxis(x, axis, 0)[start:end:step], 0, axis)
         return x
 
 
@@ -385,7 +394,7 @@ OPERATORS: dict[str, Any] = {
     "Concat": lambda t, *x, axis: np.concatenate(x, axis),
     "Gather": lambda t, x, at, *, axis=0: np.take(x, at, axis),
     "Split": lambda t, x, sizes, *, axis=0: np.split(x, np.cumsum(sizes)[:-1], axis),
-    "Reshape": lambda t, x, shape: x.reshape(shape),
+    "Reshape": lambda t, x, shape, *, allowzero=0: x.reshape(shape),
     "Transpose": lambda t, x, *, perm: x.transpose(perm),
     "Squeeze": lambda t, x, axes: np.squeeze(x, tuple(axes)),
     "Unsqueeze": lambda t, x, axes: np.expand_dims(x, tuple(axes)),

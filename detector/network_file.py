@@ -39,8 +39,8 @@ REMEDY = "give a file of `grasp detector train`, or one with the tensors of docs
 REINSTALL = "install `grasp` again"
 PACKAGED_SHA256 = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
-    "gru": "28cca7646b5bcb489bf2acce6f80901c73ba41c50d5ae75471c457476cece696",
-    "tcn": "f5a262c4ccc4d21705dd59a20ae650aa160697c3b3adb7bf927ac90c78c56818",
+    "gru": "38e0aecb17722ef3e1f66d1a7c297a8383826038a4159bb9e59aa78e3b8e0bdc",
+    "tcn": "354cc764d647173d50206ac18d51b0f99c8a3d24aad827085218c27b8ef752c0",
     "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
 }
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 VARINT, EIGHT_BYTES, BYTES, FOUR_BYTES = 0, 1, 2, 5  # kinds of fields
 FLOAT = 1  # type of a tensor
 TYPES = {FLOAT: "<f4", 7: "<i8"}  # of numpy
+CONSTANT = "Constant"  # operator
 
 Shape = tuple[int | str, ...]  # a name: any length
 
@@ -56,9 +57,11 @@ def read_metadata(content: bytes) -> dict[str, str]:
 
 
 def read_graph(content: bytes) -> Graph:
-    """The graph of a file."""
+    """The graph of a file; constants also where nodes hold them."""
     graph = _graph(content)
-    return Graph([_node(each) for each in graph[1]], dict(map(_tensor, graph.get(5, []))))
+    nodes, constants = [_node(each) for each in graph[1]], dict(map(_tensor, graph.get(5, [])))
+    constants |= {n.outputs[0]: n.attributes["value"] for n in nodes if n.operator == CONSTANT}
+    return Graph([node for node in nodes if node.operator != CONSTANT], constants)
 
 
 def _graph(content: bytes) -> dict[int, list[Any]]:
@@ -82,7 +85,9 @@ def _node(message: bytes) -> Node:
 def _attribute(message: bytes) -> tuple[str, Any]:
     fields = _fields(message)
     value: Any
-    if 8 in fields:
+    if 5 in fields:
+        value = _tensor(fields[5][0])[1]
+    elif 8 in fields:
         value = [_signed(number) for number in fields[8]]
     else:
         value = _signed(fields[3][0]) if 3 in fields else struct.unpack("<f", fields[2][0])[0]
@@ -92,7 +97,7 @@ def _attribute(message: bytes) -> tuple[str, Any]:
 def _tensor(message: bytes) -> tuple[str, NDArray[Any]]:
     fields = _fields(message)
     values = np.frombuffer(fields[9][0], TYPES[fields[2][0]])
-    return _text(fields[8][0]), values.reshape(fields.get(1, []))
+    return _text(fields.get(8, [b""])[0]), values.reshape(fields.get(1, []))
 
 
 def _text(value: bytes) -> str:

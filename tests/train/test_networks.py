@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 torch = pytest.importorskip("torch")
 
-from detector.network import run_network  # noqa: E402
+from detector.compiled import CompiledNetwork  # noqa: E402
+from detector.network import StreamingNetwork, run_network  # noqa: E402
 from detector.network_file import NetworkCard, read_network  # noqa: E402
 from detector.training.augment import symmetries  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
@@ -66,6 +67,7 @@ def as_batch(counts: NDArray[np.int16]) -> "torch.Tensor":
 def test_torch_and_stream_agree_over_a_thousand_steps(tmp_path: Path, name: str) -> None:
     made, counts = network(name), frames()
     stream = run_network(read_network(exported(tmp_path, name, made)), 3)
+    assert isinstance(stream, StreamingNetwork) and isinstance(stream.engine, CompiledNetwork)
     worst = 0.0
     for first, after in pairwise([*RESETS, STEPS]):
         stream.reset()

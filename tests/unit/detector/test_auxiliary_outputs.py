@@ -115,7 +115,7 @@ def test_motion_of_a_detector_with_auxiliary_outputs_is_read_until_reset(weights
 def test_outputs_of_another_network_are_refused(weights: Path) -> None:
     other = outputs_of(weights, network="0" * 64)
     outputs_path(weights).write_bytes(msgspec.json.encode(other))
-    with pytest.raises(BadFile, match="another network"):
+    with pytest.raises(BadFile, match="other weights"):
         loaded(weights)
 
 
