@@ -29,6 +29,7 @@ from grasp.cli import exits
 from grasp.cli.child import Child
 from grasp.cli.ros_lifts import Goal, Lifts
 from grasp.fault import INTERRUPTED, TRIAL, Fault
+from grasp.settings import config_dir
 from scenarios.report.ros_topics import (
     ERROR,
     LATCHED,
@@ -43,7 +44,9 @@ from scenarios.report.ros_topics import (
 from scenarios.report.step_feed import Begin, Step
 
 NAME = "grasp"
-DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+DISCOVERY, LOCALHOST = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
+# of Fast DDS 3 and 2
+PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 IDLE, STARTING = "idle", "starting"  # states without control steps
 FEEDBACK_NS = 100_000_000
 THREADS = 4  # a lift or release, a cancel or stop, the diagnostics, one more
@@ -338,7 +341,9 @@ def fill(message: Any, fields: dict[str, Any]) -> None:
 def run(lifts: Lifts) -> int:
     """Run the node until a signal; returns the exit code."""
     # a node that can move an arm is not offered to a network unless somebody asks for that
-    os.environ.setdefault(DISCOVERY, "LOCALHOST")
+    if os.environ.setdefault(DISCOVERY, LOCALHOST) == LOCALHOST:
+        for name in PROFILES:
+            os.environ.setdefault(name, str(config_dir() / "ros" / "loopback.xml"))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with signals.deferred():
