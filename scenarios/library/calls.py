@@ -216,8 +216,9 @@ def reflex(
         force_limit_n: force limit of each finger; None: that of the settings, 10 N.
         rig: whose hand the force limit is for. A real hand needs its own calibration, by a rig file
             or `config`.
-        profile, config, settings: as for `lift`. With `controller.reactions` false, only the force
-            guard acts.
+        profile: as for `lift`.
+        config: as for `lift`.
+        settings: as for `lift`. With `controller.reactions` false, only the force guard acts.
 
     Raises:
         ConfigError: for an unknown name, or a force limit that the hand cannot keep.
