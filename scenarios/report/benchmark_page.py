@@ -81,8 +81,8 @@ def _plot(file: BenchmarkFile) -> Plot:
     curves.append(Curve("oracle", places(file.oracle, n, n), "soft"))
     low = lowest([point for curve in curves for point in curve.points])
     return Plot(
-        "Each line is a detector at several thresholds, the dot its own rule. The oracle reports "
-        "every slip exactly that late.", Axis(DELAY, 0.0, END_MS),
+        "Lines: thresholds of a detector; dots: its own rule; oracle: reports slip that late",
+        Axis(DELAY, 0.0, END_MS),
         Axis(RIGHT_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
     )  # fmt: skip
 
