@@ -24,6 +24,7 @@ MIN_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; ass
 
 Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
 
 
 class Detection(IntEnum):
@@ -224,6 +225,7 @@ class ArmState(msgspec.Struct, frozen=True):
     ``angle_rad`` is the rotation about the tool's z axis (right-handed) since the start.
     ``speed_fraction`` is the speed slider: the fraction of the commanded speed, 0 to 1, at which
     the arm moves. ``sampled_ns`` is the controller's own timestamp; None if it has none.
+    ``joints_rad`` are the joint angles of the same sample, base first; None if they are not known.
     """
 
     t_ns: int
@@ -236,6 +238,7 @@ class ArmState(msgspec.Struct, frozen=True):
     spin_radps: float = 0.0
     speed_fraction: float = 1.0
     sampled_ns: int | None = None
+    joints_rad: Vector6 | None = None
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns

@@ -56,6 +56,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
     spin_radps: Number = 0.0
     speed_fraction: Number = 1.0
     sampled_ns: int | None = None
+    joints_rad: tuple[Number, Number, Number, Number, Number, Number] | None = None
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
@@ -151,8 +152,9 @@ def arm_message(arm: ArmState) -> ArmMessage:
 
 def recorded_arm(message: ArmMessage) -> ArmState:
     """The arm's state of a recorded step."""
-    *numbers, sampled_ns = msgspec.structs.astuple(message)
-    return ArmState(*[*map(_nan_for_null, numbers), sampled_ns])
+    *numbers, sampled_ns, joints_rad = msgspec.structs.astuple(message)
+    joints_rad = joints_rad and _nan_for_null(joints_rad)
+    return ArmState(*[*map(_nan_for_null, numbers), sampled_ns, joints_rad])
 
 
 def _nan_for_null(value: Any) -> Any:

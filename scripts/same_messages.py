@@ -33,6 +33,7 @@ RENAMED = {
     r'"asked":(?=\{"type")': '"requested":',
     r'"measured_n":': '"estimated_n":',
     r'"more":(true|false)': r'"first_stage":\1',
+    r'("sampled_ns":(?:\d+|null))\}': r'\1,"joints_rad":null}',  # as on the rig `simulated`
     # causes of transitions
     r"asked to set down": "set-down requested",
     r"contact lost on the way down": "contact lost while lowering",

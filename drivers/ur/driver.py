@@ -7,7 +7,7 @@ from typing import Protocol
 import msgspec
 
 from drivers.errors import DeviceFault, Refused, Stale
-from drivers.interfaces import ArmState, Vector3
+from drivers.interfaces import ArmState, Vector3, Vector6
 from drivers.ur.settings import MAX_PAYLOAD_KG, ArmSettings
 
 _NOT_ACCEPTED = "the arm controller did not accept the move", "look at the teach pendant"
@@ -32,6 +32,7 @@ class ArmSample(msgspec.Struct, frozen=True):
     angle_rad: float = 0.0  # rotation about the tool's z axis since the start
     spin_radps: float = 0.0
     speed_fraction: float = 1.0  # of the speed slider
+    joints_rad: Vector6 | None = None  # base first
 
 
 class ArmLink(Protocol):
@@ -100,6 +101,7 @@ class ArmDriver:
             spin_radps=sample.spin_radps,
             speed_fraction=sample.speed_fraction,
             sampled_ns=sample.t_ns,
+            joints_rad=sample.joints_rad,
         )
         renewed_ns = self._drive_renewed_ns
         if renewed_ns is not None and now_ns - renewed_ns > round(DRIVE_TIMEOUT_S * 1e9):

@@ -27,6 +27,10 @@ JOINTS, TOOL, TAXELS, SLIP, STATE, DIAGNOSTICS = (
     "/grasp/joint_states", "/grasp/tool_position", "/grasp/taxels", "/grasp/slip", "/grasp/state",
     "/diagnostics",
 )  # fmt: skip
+ARM_JOINTS = [
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint",
+    "wrist_3_joint",
+]  # fmt: skip
 FINGER_LINKS = [f"finger_{name.lower()}" for name in FINGER_NAMES]
 WRENCHES = [f"/grasp/{link}/wrench" for link in FINGER_LINKS]
 TOPICS: dict[str, Topic] = {
@@ -76,6 +80,10 @@ class RosMessages:
         ``tactile`` is None before rest counts were taken. The state is included when it changes,
         diagnostics once a second and when they change."""
         made = [self._at(gripper.t_ns, JOINTS, "", _joints(gripper, self._m_per_count))]
+        if arm.joints_rad is not None and None not in arm.joints_rad:
+            # a message of its own: JointState is for joints that were sampled at the same time
+            joints = {"name": ARM_JOINTS, "position": list(arm.joints_rad)}
+            made.append(self._at(arm.t_ns, JOINTS, "", joints))
         if None not in arm.position_m:
             x, y, z = arm.position_m
             made.append(self._at(arm.t_ns, TOOL, ARM_BASE, {"point": {"x": x, "y": y, "z": z}}))

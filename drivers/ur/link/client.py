@@ -148,8 +148,8 @@ class UrLink:
     def read(self, now_ns: int) -> ArmSample:
         """Latest sample; raises each fault once at its onset, a lost link every time.
 
-        Position and velocity are those of the last sample with power on the motors: without power a
-        controller reports a pose that the tool does not have.
+        Position, velocity and joints are those of the last sample with power on the motors: without
+        power a controller reports a pose that the tool does not have.
         """
         process, state = self._connected()
         if now_ns - self._heartbeat_ns >= _HEARTBEAT_NS:
@@ -170,6 +170,7 @@ class UrLink:
             angle_rad=self._angle(trusted.pose[3:]),
             spin_radps=_along_axis(trusted) if powered else 0.0,
             speed_fraction=state.speed_fraction,
+            joints_rad=trusted.joints_rad,
         )
 
     def _angle(self, rotation: Vector3) -> float:

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
-from drivers.interfaces import Vector3
+from drivers.interfaces import Vector3, Vector6
 from drivers.ur.settings import Pose
 
 PROGRAM_RUNNING = 2  # runtime_state; RTDE guide
@@ -115,6 +115,7 @@ class State(Message, frozen=True):
     program_running: bool
     angular_velocity_radps: Vector3 = (0.0, 0.0, 0.0)  # base frame
     speed_fraction: float = 1.0  # of the speed slider
+    joints_rad: Vector6 | None = None  # base first
 
     @property
     def stopped_by_safety(self) -> bool:

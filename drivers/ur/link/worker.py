@@ -33,6 +33,7 @@ from drivers.ur.link.messages import PROGRAM_RUNNING, DriveArm, Move, Outcome, S
 _RECIPE = [
     "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_mode",
     "safety_status_bits", "runtime_state", "target_speed_fraction",
+    "actual_q",
 ]  # fmt: skip
 FREQUENCY_HZ = 125.0  # samples per s; RTDE guide: what a CB3 sends
 _PERIOD_S = 1.0 / FREQUENCY_HZ
@@ -101,6 +102,7 @@ class Robot:
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
             speed_fraction=receive.getTargetSpeedFraction(),
+            joints_rad=tuple(receive.getActualQ()),
         )
 
     def publish_samples(self) -> None:

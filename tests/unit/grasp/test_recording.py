@@ -219,7 +219,8 @@ def test_other_files_are_refused_with_a_remedy(tmp_path: Path, content: bytes | 
 def test_nan_in_an_arm_state_survives_recording() -> None:
     nan = math.nan
     recorded = ArmState(
-        1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5, sampled_ns=7
+        1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5, sampled_ns=7,
+        joints_rad=(0.1, nan, 0.3, 0.4, 0.5, 0.6),
     )  # fmt: skip
     message = msgspec.json.decode(msgspec.json.encode(arm_message(recorded)), type=ArmMessage)
     assert message.position_m == (0.1, None, 0.3)

@@ -2,9 +2,12 @@
 
 from typing import Any
 
+import pytest
+
 from grasp.fault import GRIPPER, Fault
-from grasp.messages import ControlMessage, arm_message, tactile_message
+from grasp.messages import ArmMessage, ControlMessage, arm_message, tactile_message
 from scenarios.report.ros_topics import (
+    ARM_JOINTS,
     DIAGNOSTICS,
     ERROR,
     JOINTS,
@@ -81,8 +84,20 @@ def test_diagnostics_state_the_most_severe_problem_of_a_device() -> None:
     assert DIAGNOSTICS not in step(messages, 4)
 
 
-def test_unknown_values_are_left_out() -> None:
-    arm_unknown = arm_message(arm())
-    arm_unknown = type(arm_unknown)(0, 0, (None, None, None), (None, None, None), False)
+def test_joints_of_the_arm_have_the_stamp_of_their_own_sample() -> None:
+    q = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    state = arm_message(arm(7, joints_rad=q))
+    made = RosMessages(0, 0.001).of_step(9, None, gripper(9), state, control())
+    of_hand, of_arm = (message for message in made if message.topic == JOINTS)
+    assert (of_hand.stamp_ns, of_arm.stamp_ns) == (9, 7)
+    assert dict(zip(of_arm.fields["name"], of_arm.fields["position"], strict=True)) == dict(
+        zip(ARM_JOINTS, q, strict=True)
+    )
+
+
+@pytest.mark.parametrize("joints_rad", [None, (0.1, None, 0.3, 0.4, 0.5, 0.6)])
+def test_unknown_values_are_left_out(joints_rad: Any) -> None:
+    nothing = (None, None, None)
+    arm_unknown = ArmMessage(0, 0, nothing, nothing, False, joints_rad=joints_rad)
     made = RosMessages(0, 0.001).of_step(0, None, gripper(), arm_unknown, control())
-    assert {message.topic for message in made} == {JOINTS, STATE, DIAGNOSTICS}
+    assert [message.topic for message in made] == [JOINTS, STATE, DIAGNOSTICS]

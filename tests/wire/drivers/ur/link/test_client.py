@@ -14,6 +14,7 @@ import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
+from drivers.ur import kinematics
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link import client
 from drivers.ur.link.client import UrLink
@@ -102,6 +103,15 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     arm.poll_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
+
+
+def test_joint_angles_are_those_of_the_sample_that_gives_the_position(emulate, connect):
+    emulate()
+    arm = connect()
+    arm.rise(0.05)
+    arm.poll_until(arm.rising)
+    tool = kinematics.forward(arm.state.joints_rad) @ kinematics.frame(UrSettings().tcp_offset)
+    assert kinematics.pose(tool)[:3] == pytest.approx(arm.state.position_m, abs=1e-6)
 
 
 @pytest.mark.parametrize(("profile", "upper"), [("cb3", True), ("e-series", True), ("cb3", False)])

@@ -61,6 +61,9 @@ class Recorded:
     def getTargetSpeedFraction(self):
         return 0.75
 
+    def getActualQ(self):
+        return [0.0, -1.5, 1.5, -1.5, -1.5, 0.0]
+
     def names(self):
         return [call[0] for call in self.calls if call[0] != "kickWatchdog"]
 
