@@ -18,6 +18,8 @@ It uses the application's detector, slip monitor, slip response and force guard,
 
 import math
 from collections.abc import Callable
+from numbers import Real
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,6 +28,7 @@ from numpy.typing import NDArray
 from drivers.errors import UsageError
 from drivers.interfaces import (
     CODE_MAX,
+    FINGERS,
     OPEN_COUNTS,
     Applied,
     Arm,
@@ -51,7 +54,7 @@ from grasp.states import State, StateMachine, Trigger
 from grasp.step import GraspStep
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
-COUNTS = frozenset(range(256))
+COUNTS = range(256)
 
 
 class PolicyCommand(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,12 +87,18 @@ class Admitted(msgspec.Struct, frozen=True, kw_only=True):
     refused: tuple[str, ...] = ()
 
     def send(self, gripper: Gripper, arm: Arm) -> Applied | None:
-        """Send it; returns what the gripper applied. Raises the drivers' errors."""
-        if self.arm_velocity_mps != AT_REST:
-            arm.drive(self.arm_velocity_mps, 0.0, self.arm_acceleration_mps2)
-        elif arm.state is None or arm.state.moving:
-            arm.stop(self.arm_acceleration_mps2)
-        return None if self.hand is None else to_gripper(self.hand, gripper)
+        """Send it; returns what the gripper applied. Raises the drivers' errors.
+
+        The hand gets its command also where the arm refuses its own: the reflex closes once.
+        """
+        try:
+            if self.arm_velocity_mps != AT_REST:
+                arm.drive(self.arm_velocity_mps, 0.0, self.arm_acceleration_mps2)
+            elif arm.state is None or arm.state.moving:
+                arm.stop(self.arm_acceleration_mps2)
+        finally:
+            applied = None if self.hand is None else to_gripper(self.hand, gripper)
+        return applied
 
 
 class PolicyObservation(Observation, kw_only=True):
@@ -119,20 +128,25 @@ class ReflexController(GraspController):
         own = replace(settings, keep=True, firm=False, hold_by_clock=False, reactions=True)
         super().__init__(own, plan, monitor)
         self.machine = StateMachine(State.CLOSE)
+        self._positions: Counts3 | None = None  # at the sample before
 
     @property
     def held(self) -> bool:
         return self.state in (State.HOLD, State.COMPENSATE)
 
     def touches(self, obs: Observation) -> bool:
-        """Whether any fingertip is in contact."""
+        """Whether any finger is in contact, by its fingertip or, as that may be silent, by the
+        hand."""
         closed = max(obs.gripper.positions) > OPEN_COUNTS
-        return closed and max(obs.estimated_n) >= self._settings.contact_n
+        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
+        return closed and (stopped or max(obs.estimated_n) >= self._settings.contact_n)
 
     def grips(self, obs: Observation) -> bool:
         """Whether the thumb and an opposing finger are in contact."""
-        opposing = max(obs.estimated_n[1:]) >= self._settings.contact_n
-        return self.touches(obs) and opposing and not self._contact.thumb_lost
+        some, opposing = max(obs.estimated_n), max(obs.estimated_n[1:])
+        contact_n, closed = self._settings.contact_n, max(obs.gripper.positions) > OPEN_COUNTS
+        both = min(some, opposing) >= contact_n
+        return closed and both and not self._contact.thumb_lost
 
     def _close(self, obs: Observation) -> None:
         self._timer.restart(obs.t_ns)  # a policy may take its time
@@ -157,7 +171,9 @@ class ReflexController(GraspController):
         return obs.arm.moving
 
     def _hold(self, obs: Observation) -> None:
-        if not obs.hand_rests:  # the policy closes it
+        moved = self._positions not in (None, obs.gripper.positions)
+        self._positions = obs.gripper.positions
+        if moved and not obs.hand_rests:  # the policy closes it, and that shakes the pads
             self.slip_monitor.closing(obs.t_ns)
         else:
             self._respond_to_slip(obs)
@@ -190,6 +206,7 @@ class Reflex:
         self._controller = self._step.controller
         self._sent: GripperCommand | None = None  # the last command to the hand
         self._below_limit = False
+        self._last_ns: int | None = None
 
     def step(
         self,
@@ -211,9 +228,13 @@ class Reflex:
             t_ns: time of this sample on the clock of the states; None: that of the frame.
 
         Raises:
-            UsageError: for counts without ``t_ns``.
+            UsageError: for counts without ``t_ns``, and for a time that goes back.
         """
         frame = tactile if isinstance(tactile, TactileFrame) else _frame(tactile, t_ns)
+        now_ns = frame.t_ns if t_ns is None else t_ns
+        if self._last_ns is not None and now_ns < self._last_ns:
+            raise UsageError("the time went back", "give the times of one clock, or call reset()")
+        self._last_ns = now_ns
         refused: list[str] = []
         if not _is_valid(wanted):
             wanted = PolicyCommand(hand=HoldFingers())
@@ -223,8 +244,9 @@ class Reflex:
         releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
         if releases or (opens and state is State.SETTLE):
             self.reset()
+            self._last_ns = now_ns
         obs = PolicyObservation(
-            t_ns=frame.t_ns if t_ns is None else t_ns, frame=frame, rest_taken=True,
+            t_ns=now_ns, frame=frame, rest_taken=True,
             gripper=gripper, arm=arm, below_limit=self._below_limit,
         )  # fmt: skip
         own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
@@ -303,12 +325,27 @@ class Reflex:
 
 
 def _is_valid(wanted: PolicyCommand) -> bool:
-    hand, numbers = wanted.hand, [*wanted.arm_velocity_mps]
+    """Whether a policy's command has the right types and finite values: it may be anything, and the
+    reflex must not raise while an object slips."""
+    hand: Any = wanted.hand
+    velocity: Any = wanted.arm_velocity_mps
+    positive: list[Any] = []
     if isinstance(hand, MoveFingers):
-        numbers += [hand.speed_mps, hand.force_n]
-        if min(hand.speed_mps, hand.force_n) <= 0.0 or not {*hand.targets_counts} <= COUNTS:
+        positive = [hand.speed_mps, hand.force_n]
+        targets: Any = hand.targets_counts
+        if not isinstance(targets, tuple) or len(targets) != FINGERS:
             return False
-    return all(map(math.isfinite, numbers))
+        if not all(target in COUNTS for target in targets):
+            return False
+    elif isinstance(hand, OpenFingers):
+        positive = [hand.speed_mps]
+    elif not isinstance(hand, HoldFingers):
+        return False
+    if not isinstance(velocity, tuple) or len(velocity) != len(AT_REST):
+        return False
+    numbers = [*velocity, *positive]
+    known = all(isinstance(number, Real) and math.isfinite(number) for number in numbers)
+    return known and min(positive, default=1.0) > 0.0
 
 
 def _opens(hand: GripperCommand, gripper: GripperState) -> bool:

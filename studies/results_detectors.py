@@ -141,6 +141,7 @@ def update_cost(name: str, updates: int = 3000) -> Row:
 def benchmark(run: "Run") -> Made:
     """`grasp benchmark` of all detectors on the split `test`."""
     real = ("--recording", str(run.real)) if run.real else ()
+    (run.folder / FILE).unlink(missing_ok=True)  # maybe of another version
     words = ("benchmark", *run.settings.detectors, "--out", str(run.folder), *real)
     if cli.main([*words, "--jobs", str(run.jobs)]):
         raise GraspError("the benchmark did not finish", "its message is above")

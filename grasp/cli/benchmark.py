@@ -49,10 +49,10 @@ def benchmark(args: argparse.Namespace) -> int:
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
     same = (protocol.version, args.split, protocol.splits[args.split].digest, args.layout)
-    others, kept_costs = results_of_others(out, same, list(costs))
-    costs = kept_costs | costs
     try:
         with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
+            others, kept_costs = results_of_others(out, same, list(costs))
+            costs = kept_costs | costs
             title = filter(None, ("recordings", args.split, Path(args.layout).stem))
             folder = args.out / "-".join(title)
             recordings = ensure_recordings(

@@ -45,11 +45,13 @@ from scenarios.report.step_feed import Begin, Step
 
 NAME = "grasp"
 DISCOVERY, LOCALHOST = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
-# of Fast DDS 3 and 2
-PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
+# variable of Fast DDS with its profile, and in older distributions
+PROFILE, OLD_PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+OLD = ("humble", "iron", "jazzy")
 IDLE, STARTING = "idle", "starting"  # states without control steps
 FEEDBACK_NS = 100_000_000
 THREADS = 4  # a lift or release, a cancel or stop, the diagnostics, one more
+RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
 QOS = {
@@ -159,7 +161,7 @@ class GraspNode:
         self._action = action_type()
         self._server = ActionServer(
             node, self._action.kind, "~/lift", self._lift, callback_group=group,
-            goal_callback=self._accept, cancel_callback=self._cancel,
+            goal_callback=self._accept, cancel_callback=self._cancel, result_timeout=RESULT_S,
         )  # fmt: skip
         node.create_timer(1.0, self._beat)
         self._busy = threading.Lock()  # held during a lift or a release
@@ -249,10 +251,10 @@ class GraspNode:
 
     def _stop(self) -> tuple[bool, str]:
         self._stopping = True
-        child = self._child
-        if child is None:
+        if not self._busy.locked():
             return True, "nothing is running"
-        child.stop()
+        if (child := self._child) is not None:  # else it is stopped when its process exists
+            child.stop()
         return True, "stopping: the arm stops, the hand keeps its grip"
 
     def _release(self) -> tuple[bool, str]:
@@ -342,8 +344,8 @@ def run(lifts: Lifts) -> int:
     """Run the node until a signal; returns the exit code."""
     # a node that can move an arm is not offered to a network unless somebody asks for that
     if os.environ.setdefault(DISCOVERY, LOCALHOST) == LOCALHOST:
-        for name in PROFILES:
-            os.environ.setdefault(name, str(config_dir() / "ros" / "loopback.xml"))
+        name = OLD_PROFILE if os.environ.get("ROS_DISTRO") in OLD else PROFILE
+        os.environ.setdefault(name, str(config_dir() / "ros" / "loopback.xml"))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with signals.deferred():

@@ -120,7 +120,7 @@ def read_benchmark(path: Path) -> tuple[BenchmarkFile, dict[str, Cost]]:
         found = msgspec.json.decode(path.read_bytes(), type=BenchmarkFile)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         problem = f"is no result of a benchmark: {error}"
-        raise BadFile(path, problem, "make it again: `grasp benchmark`") from None
+        raise BadFile(path, problem, "move it away, and make it again: `grasp benchmark`") from None
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
         beside = path.with_name(COST).read_bytes()
         return found, msgspec.json.decode(beside, type=dict[str, Cost])
@@ -130,13 +130,17 @@ def read_benchmark(path: Path) -> tuple[BenchmarkFile, dict[str, Cost]]:
 def results_of_others(
     path: Path, same: tuple[int, SplitName, str, str], names: Sequence[str]
 ) -> tuple[list[DetectorResult], dict[str, Cost]]:
-    """Results and costs of other detectors than ``names`` in that file, if its version, split,
-    seeds and layout are the ``same``. Raises OSError."""
-    with suppress(BadFile, FileNotFoundError):
-        file, costs = read_benchmark(path)
-        if (file.version, file.split, file.seeds, file.layout) == same:
-            return [each for each in file.detectors if each.detector not in names], costs
-    return [], {}
+    """Results and costs of other detectors than ``names`` in that file, if there is one. Raises
+    BadFile for a damaged file and for one whose version, split, seeds and layout are not the
+    ``same``, OSError."""
+    if not path.exists():
+        return [], {}
+    file, costs = read_benchmark(path)
+    if (file.version, file.split, file.seeds, file.layout) != same:
+        layout = f", layout {file.layout}" if file.layout else ""
+        has = f"has results of version {file.version}, split {file.split}{layout}"
+        raise BadFile(path, has, "give another --out, or move that file away")
+    return [each for each in file.detectors if each.detector not in names], costs
 
 
 class Benchmark(msgspec.Struct, frozen=True):

@@ -134,7 +134,7 @@ def test_every_problem_is_found_and_only_reported_declared_ones_are_accepted() -
 def test_single_write_of_another_client_is_overwritten_and_reported(
     fault: Fault, most_n: float
 ) -> None:
-    for ticks in range(0, 55, 6):
+    for ticks in range(0, 49, 6):
         found = run(Case(0, "can", 0, fault, State.COMPENSATE, 1, ticks, True))
         assert found.peak_n < most_n and fell(found) == {}
         assert found.outcome == ("over_force" if found.peak_n > MOST_N else "fault")

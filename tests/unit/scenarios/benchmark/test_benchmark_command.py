@@ -114,8 +114,14 @@ def test_a_folder_keeps_the_detectors_of_earlier_benchmarks_of_the_same_protocol
     with locked(tmp_path / ".lock", 0o600, lambda _: GraspError("held")):
         assert benchmark("energy", "--out", str(tmp_path)) == 2
     assert "another benchmark writes to this folder (process " in capsys.readouterr().err
-    assert benchmark("energy", "--out", str(tmp_path)) == 0
-    assert measured(tmp_path) == ["energy"]
+    for content, said in (
+        (None, "has results of version 2, split validation, layout eight"),
+        ("{", "is no result"),
+    ):
+        path.write_text(content or path.read_text())
+        before = path.read_bytes()
+        assert benchmark("energy", "--out", str(tmp_path)) == 2
+        assert said in capsys.readouterr().err and path.read_bytes() == before
 
 
 def test_impossible_requests_are_refused_before_anything_runs(

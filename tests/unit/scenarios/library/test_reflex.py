@@ -3,15 +3,18 @@ API of gymnasium."""
 
 import sys
 from typing import Any
+from unittest.mock import Mock
 
 import gymnasium
+import msgspec
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
 import grasp
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import ConfigError, Refused, UsageError
+from drivers.interfaces import PERIOD_NS, Detection
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.policy_reflex import AT_REST, PolicyCommand
 from grasp.states import State
@@ -98,7 +101,7 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     fault = reflex.step(*states, up, t_ns=late_ns)
     assert fault.state is State.FAULT and "gripper status too old" in fault.faults[0].line
     assert isinstance(fault.hand, CloseFast) and fault.hand.force_cap_n == 10.0
-    again = reflex.step(*states, up, t_ns=states[0].t_ns)
+    again = reflex.step(*states, up, t_ns=late_ns)
     assert again.faults == fault.faults and again.arm_velocity_mps == AT_REST
     assert again.hand is None
     reflex.reset()
@@ -112,6 +115,11 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
         PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)),
         PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)),
         PolicyCommand(hand=OPEN, arm_velocity_mps=(0.0, 0.0, float("nan"))),
+        PolicyCommand(hand=OPEN, arm_velocity_mps=np.zeros(3)),  # type: ignore[arg-type]
+        PolicyCommand(hand=MoveFingers((60, 60), 0.022, 10.0)),  # type: ignore[arg-type]
+        PolicyCommand(hand=MoveFingers((60, 60, None), 0.022, 10.0)),  # type: ignore[arg-type]
+        PolicyCommand(hand=OpenFingers(float("nan"))),
+        PolicyCommand(hand=None),  # type: ignore[arg-type]
     ],
 )
 def test_a_command_that_is_no_number_holds_hand_and_arm(
@@ -119,6 +127,35 @@ def test_a_command_that_is_no_number_holds_hand_and_arm(
 ) -> None:
     admitted = held.reflex.step(*held.states(), wrong)
     assert admitted.hand is None and admitted.arm_velocity_mps == AT_REST and admitted.refused
+
+
+def test_fingers_that_are_to_move_but_stand_still_do_not_hide_slip(held: LiftEnvironment) -> None:
+    frame, gripper, arm = held.states()
+    replace = msgspec.structs.replace
+    fingers = [replace(f, detection=Detection.MOVING) for f in gripper.fingers]
+    moving = replace(gripper, fingers=tuple(fingers))
+    hold = PolicyCommand(hand=HoldFingers())
+    for k in range(3):
+        admitted = held.reflex.step(frame, moving, arm, hold, t_ns=frame.t_ns + k * PERIOD_NS)
+        assert admitted.held and not admitted.slip.masked
+
+
+def test_the_hand_closes_although_the_arm_refuses_its_command(held: LiftEnvironment) -> None:
+    admitted = held.reflex.step(*held.states(), PolicyCommand(hand=HoldFingers()))
+    closing = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
+    admitted = msgspec.structs.replace(admitted, hand=closing, arm_velocity_mps=(0.0, 0.0, -9.0))
+    arm, gripper = Mock(), Mock()
+    arm.drive.side_effect = Refused("too fast", "slower")
+    with pytest.raises(Refused):
+        admitted.send(gripper, arm)
+    assert gripper.method_calls
+
+
+def test_time_that_goes_back_is_refused(held: LiftEnvironment) -> None:
+    states, hold = held.states(), PolicyCommand(hand=HoldFingers())
+    held.reflex.step(*states, hold)
+    with pytest.raises(UsageError, match="time went back"):
+        held.reflex.step(*states, hold, t_ns=states[0].t_ns - 1)
 
 
 def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
