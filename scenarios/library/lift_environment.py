@@ -3,6 +3,7 @@
 `import grasp.gym` registers it. One step is one control step of 10 ms in virtual time.
 """
 
+from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -10,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
+from drivers.errors import Refused
 from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
 from grasp.commands import MoveFingers
 from grasp.policy_reflex import Admitted, PolicyCommand
@@ -87,9 +89,11 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         self._wait()
         while devices.gripper.state is None or not devices.gripper.state.at_rest:
             self._wait()
-        devices.tactile.begin_rest()
         while not devices.tactile.rest_taken:
-            self._wait()
+            devices.tactile.begin_rest()
+            with suppress(Refused):  # unsteady by chance: take it again
+                while not devices.tactile.rest_taken:
+                    self._wait()
         self._home_m, self._lifted = self.states()[2].position_m[2], False
         hold = PolicyCommand(hand=MoveFingers(preshape, s.grip_speed_mps, self._limit_n))
         admitted = self.reflex.step(*self.states(), hold, t_ns=self._rig.clock.now_ns)
