@@ -32,6 +32,7 @@ from grasp.fault import INTERRUPTED, TRIAL, Fault
 from grasp.settings import config_dir
 from scenarios.report.ros_topics import (
     ERROR,
+    IDLE,
     LATCHED,
     RELIABLE,
     SENSOR,
@@ -48,7 +49,7 @@ DISCOVERY, LOCALHOST = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
 # variable of Fast DDS with its profile, and in older distributions
 PROFILE, OLD_PROFILE = "FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 OLD = ("humble", "iron", "jazzy")
-IDLE, STARTING = "idle", "starting"  # states without control steps
+STARTING = "starting"  # like IDLE a state without control steps
 FEEDBACK_NS = 100_000_000
 THREADS = 4  # a lift or release, a cancel or stop, the diagnostics, one more
 RESULT_S = 900  # a client may ask for its result so long after the end

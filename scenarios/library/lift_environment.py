@@ -79,6 +79,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         """Place the object between the open fingers, move them near it and take rest counts."""
         super().reset(seed=seed)
         if options is not None:
+            if unknown := sorted(options.keys() - self._options.keys()):
+                raise ValueError(f"unknown options: {unknown}, allowed: {[*self._options]}")
             self._configure({**self._options, **options})
         world = int(self.np_random.integers(2**31))
         self._rig = simulated(self._config.built_for(world), world, paced=False)
@@ -100,7 +102,11 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         return self._observation(admitted), self._info(admitted, 0.0)
 
     def step(self, action: Floats) -> tuple[dict[str, Floats], float, bool, bool, dict[str, Any]]:
-        """Do one control step with this action; never truncates."""
+        """Do one control step with this action; never truncates. Raises ValueError for an action
+        that is not four finite numbers."""
+        action = np.asarray(action, np.float32)
+        if action.shape != self.action_space.shape or not np.isfinite(action).all():
+            raise ValueError(f"the action {action.tolist()} is not four finite numbers")
         frame, gripper, arm = self.states()
         s, devices = self._config.controller, self._rig.devices
         *fingers, rise = np.clip(action, -1.0, 1.0).tolist()

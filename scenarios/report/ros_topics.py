@@ -43,7 +43,8 @@ TOPICS: dict[str, Topic] = {
     DIAGNOSTICS: Topic("diagnostic_msgs/msg/DiagnosticArray", RELIABLE),
 }
 ARM_BASE = "base"  # frame of the arm's controller, as in ur_description
-OK, WARN, ERROR = 0, 1, 2  # levels of DiagnosticStatus
+OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of DiagnosticStatus
+IDLE = "idle"  # state between lifts, when no device is open
 DEVICES = (GRIPPER, ARM, FINGERTIPS, DETECTOR, LOOP)
 DIAGNOSTICS_NS = 1_000_000_000  # period
 
@@ -79,11 +80,7 @@ class RosMessages:
         """Messages of a control step at ``t_ns``; the arguments are its messages in a recording.
         ``tactile`` is None before rest counts were taken. The state is included when it changes,
         diagnostics once a second and when they change."""
-        made = [self._at(gripper.t_ns, JOINTS, "", _joints(gripper, self._m_per_count))]
-        if arm.joints_rad is not None and None not in arm.joints_rad:
-            # a message of its own: JointState is for joints that were sampled at the same time
-            joints = {"name": ARM_JOINTS, "position": list(arm.joints_rad)}
-            made.append(self._at(arm.t_ns, JOINTS, "", joints))
+        made = [self._joints(gripper, arm)]
         if None not in arm.position_m:
             x, y, z = arm.position_m
             made.append(self._at(arm.t_ns, TOOL, ARM_BASE, {"point": {"x": x, "y": y, "z": z}}))
@@ -107,6 +104,17 @@ class RosMessages:
             stamp_ns = self._unix_ns + t_ns
             made.append(diagnostics(stamp_ns, self.problems, control.phase))
         return made
+
+    def _joints(self, gripper: GripperState, arm: ArmMessage) -> Message:
+        """Fingers and, where they are known, the arm's joints; the stamp is that of the older
+        sample, so that it never goes back."""
+        names, stamp_ns = [*FINGER_LINKS], gripper.t_ns
+        position = [counts * self._m_per_count for counts in gripper.positions]
+        known = [each for each in arm.joints_rad or () if each is not None]
+        if len(known) == len(ARM_JOINTS):
+            names, position = names + ARM_JOINTS, position + known
+            stamp_ns = min(stamp_ns, arm.t_ns)
+        return self._at(stamp_ns, JOINTS, "", {"name": names, "position": position})
 
     def _at(self, t_ns: int, topic: str, frame: str, fields: Fields) -> Message:
         stamp_ns = self._unix_ns + t_ns
@@ -145,20 +153,14 @@ def diagnostics(
     ``more``: further values of the status `grasp`."""
     worst = max((level for level, _ in problems.values()), default=OK)
     statuses = [_status("grasp", worst, state, more)]
+    text = "not open" if state == IDLE else "ok"
     for device in (*DEVICES, *(name for name in problems if name not in DEVICES)):
-        level, fault = problems.get(device, (OK, None))
+        level, fault = problems.get(device, (STALE if state == IDLE else OK, None))
         known = {} if fault is None else {"code": fault.code, "remedy": fault.remedy, **fault.data}
-        statuses.append(_status(f"grasp: {device}", level, fault.message if fault else "ok", known))
+        statuses.append(_status(f"grasp: {device}", level, fault.message if fault else text, known))
     return Message(DIAGNOSTICS, stamp_ns, {"header": header(stamp_ns), "status": statuses})
 
 
 def _status(name: str, level: int, message: str, values: Mapping[str, object]) -> Fields:
     pairs = [{"key": key, "value": str(value)} for key, value in values.items()]
     return {"level": level, "name": name, "message": message, "hardware_id": "", "values": pairs}
-
-
-def _joints(gripper: GripperState, m_per_count: float) -> Fields:
-    return {
-        "name": FINGER_LINKS,
-        "position": [counts * m_per_count for counts in gripper.positions],
-    }
