@@ -185,13 +185,15 @@ class ForceGuard:
         return command
 
     def overloaded(self, estimated_n: Vector3) -> bool:
-        """Whether estimated force exceeds the limit by more than ``estimate_margin_n``."""
+        """Whether estimated force exceeds the limit by more than ``estimate_margin_n`` on both
+        sides of the object: the thumb bears B + C, so a single high reading is no force."""
         s = self._settings
         # with `each_motor` the thumb carries the sum of two motors
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
         thumb_n, b_n, c_n = estimated_n
+        both_n, finger_n = min(thumb_n, b_n + c_n), min(thumb_n, max(b_n, c_n))
         margin_n = s.estimate_margin_n
-        return thumb_n > thumb_limit_n + margin_n or max(b_n, c_n) > s.force_limit_n + margin_n
+        return both_n > thumb_limit_n + margin_n or finger_n > s.force_limit_n + margin_n
 
     def _admit_move(
         self, command: MoveFingers, state: GripperState, estimated_n: Vector3

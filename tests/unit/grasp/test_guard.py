@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigError
-from drivers.interfaces import Counts3
+from drivers.interfaces import Counts3, Vector3
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings, limit_in_words
@@ -86,15 +86,15 @@ def test_closing_speed_keeps_the_energy_within_the_stated_overshoot() -> None:
 
 
 def test_measured_force_beyond_its_margin_stops_further_closing_but_never_opens() -> None:
-    over = (15.1, 0.0, 0.0)
+    over = (15.1, 15.1, 0.0)
     assert guard().admit(close(), gripper(), over) == HoldFingers()
     assert guard().admit(MoveFingers((56, 55, 55), 0.05, 10.0), gripper(), over) == HoldFingers()
-    at = (15.0, 0.0, 0.0)
+    at = (15.0, 15.0, 0.0)
     assert isinstance(guard().admit(close(), gripper(), at), CloseFast)
 
 
 def test_measured_force_does_not_stop_opening() -> None:
-    over = (40.0, 0.0, 0.0)
+    over = (40.0, 20.0, 20.0)
     opening = MoveFingers((50, 55, 55), 0.05, 10.0)
     assert guard().admit(opening, gripper(), over) == opening
     assert guard().admit(OpenFingers(0.1), gripper(), over) == OpenFingers(0.1)
@@ -141,22 +141,30 @@ def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "thumb_n", "other_n", "stops"),
+    ("mode", "estimated_n", "stops"),
     [
-        ("every_finger", 15.0, 15.0, False),
-        ("every_finger", 15.1, 0.0, True),
-        ("every_finger", 0.0, 15.1, True),
-        ("each_motor", 25.0, 15.0, False),
-        ("each_motor", 25.1, 0.0, True),
-        ("each_motor", 0.0, 15.1, True),
+        ("every_finger", (15.0, 15.0, 15.0), False),
+        ("every_finger", (15.1, 15.1, 0.0), True),
+        ("every_finger", (15.1, 7.6, 7.6), True),  # the thumb bears the sum of B and C
+        ("each_motor", (25.0, 15.0, 10.0), False),
+        ("each_motor", (25.1, 12.6, 12.6), True),
+        ("each_motor", (15.1, 15.1, 0.0), True),
+        ("each_motor", (15.1, 0.0, 15.1), True),
     ],
 )
 def test_every_finger_has_its_own_limit_of_measured_force(
-    mode: str, thumb_n: float, other_n: float, stops: bool
+    mode: str, estimated_n: Vector3, stops: bool
 ) -> None:
-    for estimated_n in ((thumb_n, other_n, 0.0), (thumb_n, 0.0, other_n)):
-        admitted = guard(cap_mode=mode).admit(close(), gripper(), estimated_n)
-        assert isinstance(admitted, HoldFingers) is stops
+    admitted = guard(cap_mode=mode).admit(close(), gripper(), estimated_n)
+    assert isinstance(admitted, HoldFingers) is stops
+
+
+@pytest.mark.parametrize("mode", ["every_finger", "each_motor"])
+@pytest.mark.parametrize("estimated_n", [(60.0, 2.0, 2.0), (4.0, 60.0, 2.0), (4.0, 2.0, 60.0)])
+def test_single_fingertip_that_sticks_at_a_high_reading_does_not_prevent_closing(
+    mode: str, estimated_n: Vector3
+) -> None:
+    assert isinstance(guard(cap_mode=mode).admit(close(), gripper(), estimated_n), CloseFast)
 
 
 def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
