@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import compress
 
 import msgspec
 
@@ -31,6 +32,9 @@ UNLOADED_REMEDY = (
     "put the object in the middle, or raise that finger's count in object.grip_counts; if it does "
     "press, look at its fingertip: `grasp doctor`"
 )
+WIDE = "the object is wider than its file says"
+SHORT = f"stopped on contact short of its position: {WIDE}"
+WIDE_REMEDY = "lower object.grip_counts, by 1.3 counts for each mm that a side is wider"
 ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by alarms that no closing ends; assumed
 
 
@@ -180,20 +184,23 @@ class GraspController:
         elif max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
             self._fail(obs, "the hand is not open: it could drop or hit an object")
         elif math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
-            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape())
+            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape(obs))
         else:
             move = self._line.move_down(0.0, self._settings.lower_speed_mps)
             self._transition(Trigger.AWAY, obs, "run started", move)
 
     def _home(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stopped_at(obs, 0.0):
-            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape())
+            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape(obs))
 
     def _shape(self, obs: Observation) -> None:
         if not obs.hand_rests or not self._line.stopped_at(obs, 0.0):
             return
-        if obs.gripper.requested != self._plan.preshape_counts:  # the command did not arrive
-            self._commands.append(self._preshape())
+        stopped = (f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
+        if name := next(compress(FINGER_NAMES, stopped), ""):
+            self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
+        elif obs.gripper.requested != self._plan.preshape_counts:  # the thumb is due, or it was lost
+            self._commands.append(self._preshape(obs))
         else:
             self._transition(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
 
@@ -207,7 +214,11 @@ class GraspController:
 
     def _brace(self, obs: Observation) -> None:
         """B and C close first, so that only the thumb, which closes last, presses on the object."""
-        if self._grip_complete(obs):
+        thumb_n, *others_n = obs.estimated_n
+        pressed = min(thumb_n, max(others_n)) >= self._settings.contact_n
+        if pressed and not implausible(obs.reported, FINGERTIPS):
+            self._fail(obs, f"the thumb touches while it waits: {WIDE}", WIDE_REMEDY)
+        elif self._grip_complete(obs):
             cause = "fingers B and C rest at their positions"
             self._transition(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
 
@@ -441,9 +452,14 @@ class GraspController:
         if stop and obs.arm.moving and not obs.pending and self._timer.repeat_due(obs.t_ns):
             self._commands.append(stop)
 
-    def _preshape(self) -> MoveFingers:
-        s = self._settings
-        return MoveFingers(self._plan.preshape_counts, s.approach_speed_mps, s.grip_force_n)
+    def _preshape(self, obs: Observation) -> MoveFingers:
+        """To just short of the object, the thumb once B and C are there: they would push an object
+        wider than stated onto it with twice their force."""
+        s, (a, b, c), (thumb, *others) = (
+            self._settings, self._plan.preshape_counts, obs.gripper.requested
+        )  # fmt: skip
+        targets = (a if others == [b, c] else min(a, thumb), b, c)
+        return MoveFingers(targets, s.approach_speed_mps, s.grip_force_n)
 
     def _grip(self, targets: Counts3) -> MoveFingers:
         return MoveFingers(targets, self._settings.grip_speed_mps, self._settings.grip_force_n)
@@ -457,7 +473,6 @@ class GraspController:
             self._fail(obs, "the thumb closed fully and met no object")
             return False
         if not self._firm and (name := obs.gripper.not_at_target):
-            cause = f"finger {name} stopped on contact short of its position"
-            self._fail(obs, f"{cause}; at this force the gripper closes it no further")
+            self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
             return False
         return True

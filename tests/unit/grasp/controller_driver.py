@@ -87,6 +87,9 @@ class Driver:
         changes.setdefault("last_close", self.last_close)
         changes.setdefault("safe_travel_counts", self.reach)
         changes.setdefault("thumb_limit_counts", self.end)
+        if self.controller.state is State.BRACE:  # the thumb still waits
+            _, b_n, c_n = changes.get("estimated_n", (2.0, 1.0, 1.0))  # type: ignore[misc]
+            changes["estimated_n"] = (0.0, b_n, c_n)
         decision = self.controller.step(observation(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:

@@ -15,19 +15,16 @@ from grasp.commands import (
 from grasp.controller_settings import ControllerSettings
 from grasp.monitors.checks import failed
 from grasp.states import State
-from tests.unit.grasp.builders import arm, frame, gripper
+from tests.unit.grasp.builders import arm, frame, gripper, observation
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 
 
 def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
     d = Driver()
     d.until(State.BRACE)
-    assert [type(c) for c in d.commands] == [MoveFingers, BeginRest, MoveFingers]
-    first, _, second = d.commands
-    assert isinstance(first, MoveFingers)
-    assert isinstance(second, MoveFingers)
-    assert first.targets_counts == (25, 40, 40)
-    assert second.targets_counts == (25, 55, 55)
+    assert [type(c) for c in d.commands] == [MoveFingers, MoveFingers, BeginRest, MoveFingers]
+    targets = [c.targets_counts for c in d.commands if isinstance(c, MoveFingers)]
+    assert targets == [(0, 40, 40), (25, 40, 40), (25, 55, 55)]  # the thumb comes last
     assert d.until(State.CLOSE).commands[0].targets_counts == (55, 55, 55)  # the thumb comes last
 
 
@@ -52,7 +49,8 @@ def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
         {"arm": arm(TICK, 0.0, moving=True)},
     )
     assert {d.step(**wait).state for wait in waits} == {State.SHAPE}
-    assert d.step().state is State.TARE
+    d.until_next()
+    assert d.controller.state is State.TARE
 
 
 def test_lost_preshape_command_is_repeated() -> None:
@@ -62,7 +60,27 @@ def test_lost_preshape_command_is_repeated() -> None:
     for _ in range(3):
         assert d.step(gripper=d.hand(positions=(0, 0, 0))).state is State.SHAPE
         assert d.commands.pop() == command
-    assert d.step().state is State.TARE
+    d.until_next()
+    assert d.controller.state is State.TARE
+
+
+def test_object_wider_than_stated_ends_the_run_before_the_thumb_presses_it() -> None:
+    d = Driver()
+    d.until(State.SHAPE)
+    stopped = (Detection.AT_TARGET, Detection.CONTACT_CLOSING, Detection.AT_TARGET)
+    d.step(gripper=d.hand(positions=(0, 33, 40), requested=(0, 40, 40), detections=stopped))
+    assert d.controller.state is State.FAULT
+    assert "finger B stopped on contact" in d.controller.fault_cause
+    pushed = Driver()
+    pushed.until(State.BRACE)
+    moving = pushed.hand(detections=MOVING)
+    for estimated_n in ((0.3, 0.2, 0.2), (0.2, 0.3, 0.3)):  # one side alone proves nothing
+        now = observation(pushed.t_ns, estimated_n=estimated_n, gripper=moving)
+        assert pushed.controller.step(now).state is State.BRACE
+    wide = observation(pushed.t_ns, estimated_n=(0.3, 0.1, 0.3), gripper=moving)
+    assert pushed.controller.step(wide).commands == (StopArm(1.0), HoldFingers())
+    assert "wider" in pushed.controller.fault_cause
+    assert "grip_counts" in pushed.controller.faults[0].remedy
 
 
 def test_tare_ends_only_once_the_hand_is_at_rest() -> None:

@@ -78,7 +78,7 @@ def test_interrupting_before_contact_stops_the_fingers() -> None:
 def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
     staged = Staged(
         "controller.preshape_margin_counts=2", "controller.thumb_back_counts=0",
-        "object.half_width_m=0.039", made=by_default,
+        "object.half_width_m=0.0375", made=by_default,
     )  # fmt: skip
     trial = staged.run(lambda tick: False, lambda rig: None)
     assert trial.controller.state is State.FAULT
