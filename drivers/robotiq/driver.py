@@ -14,6 +14,7 @@ from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
 from drivers.robotiq.exchange import ACTIVATE, RESET, ExchangeStatistics, RegisterTransport
 from drivers.robotiq.hand_state import (
+    POSITION_ERROR_COUNTS,
     STATUS_UNCHANGED_NS,
     Activation,
     HandTracker,
@@ -162,11 +163,19 @@ class RobotiqDriver(HandTracker):
         )
 
     def _hold_targets(self, state: GripperState) -> Sequence[int]:
-        """Targets that keep positions; the last targets where positions are uncertain."""
+        """Targets that keep positions; the last targets where positions are uncertain. While no
+        status shows those, a position close to one of them may be wrong too."""
         requested = self._exchange.requested
-        if self._positions_uncertain(state) and requested is not None and requested.go_to:
-            return [axis.position for axis in requested.axes[:FINGERS]]
-        return hold_targets(state.fingers, requested)
+        if requested is None or not requested.go_to:
+            return hold_targets(state.fingers, requested)
+        last = [axis.position for axis in requested.axes[:FINGERS]]
+        if self._positions_uncertain(state):
+            return last
+        held = hold_targets(state.fingers, requested)
+        if self._fresh:
+            return held
+        close = POSITION_ERROR_COUNTS
+        return [to if abs(at - to) <= close else at for to, at in zip(last, held, strict=True)]
 
     # Commands
 

@@ -1,5 +1,8 @@
 """Driver core: freshness of the state, contact, closing."""
 
+import pytest
+
+from drivers.errors import DeviceFault
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
@@ -138,6 +141,24 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     made.step()
     assert made.state.positions == (100, 101, 100)
     assert made.driver.hold().targets_counts == (100, 100, 100)
+    closing = made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    assert closing.targets_counts == (120, 100, 100)
+
+
+@pytest.mark.parametrize("off", [-3, 3])
+def test_holding_finger_with_a_wrong_position_and_a_wrong_echo_keeps_its_target(rig, off) -> None:
+    made = rig()
+    made.driver.move_to((100, 100, 100), FAST, 10.0)
+    made.settle()
+
+    def misreported(words):
+        echo, position = words[3] >> 8, words[3] & 0xFF  # of finger B
+        return (*words[:3], (echo - off) << 8 | position + off, *words[4:])
+
+    made.model.misreport(misreported)
+    with pytest.raises(DeviceFault, match="targets"):  # as another client's
+        made.step(20)
+    assert made.state.positions == (100, 100 + off, 100) and not made.state.fresh
     closing = made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
     assert closing.targets_counts == (120, 100, 100)
 
