@@ -7,6 +7,7 @@ import msgspec
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
+from grasp.states import State
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import (
     EARLY_S,
@@ -110,6 +111,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
+        contact_lost=_contact_lost(config, trial),
         lost_at_m=trace.lost_at_m,
         mark=trial.mark,
     )
@@ -118,6 +120,13 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         onset_s = open_loop_onset_s(config, seed, facts.registered_s + EARLY_S)
         return msgspec.structs.replace(facts, open_loop_onset_s=onset_s)
     return facts
+
+
+def _contact_lost(config: LiftConfig, trial: FinishedTrial) -> bool:
+    last = trial.trace.last
+    if last is None or trial.controller.state is not State.LOST:
+        return False
+    return max(last.observation.responsive_n) < config.controller.contact_n
 
 
 def open_loop_onset_s(config: LiftConfig, seed: int, until_s: float | None = None) -> float | None:

@@ -75,6 +75,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
+    contact_lost: bool = False  # the run ended in `lost`, without contact of any finger
     lost_at_m: float = 0.0  # greatest height at which the hand lost the object; 0: none, or unknown
 
 
@@ -103,10 +104,10 @@ def slip_distance_m(facts: LiftFacts) -> float | None:
 
 
 def _not_held(facts: LiftFacts) -> LiftOutcome | None:
-    """Why the object is not held, if so; on hardware by reading and estimated force only."""
+    """Why the object is not held, if so; on hardware by reading, contact and estimated force."""
     end = facts.end
     if end is None:
-        if facts.mark is not None and not facts.mark.held:
+        if facts.contact_lost or (facts.mark is not None and not facts.mark.held):
             return LiftOutcome.DROPPED
         if facts.cap_reached:
             return LiftOutcome.CAP_REACHED

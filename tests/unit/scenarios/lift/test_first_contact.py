@@ -1,5 +1,6 @@
 """The force limit from first to last contact, for objects of unexpected width or lost objects."""
 
+import msgspec
 import pytest
 
 from drivers.errors import ConfigError
@@ -139,6 +140,9 @@ def test_object_that_vanishes_stops_the_arm_where_it_is(phase: State) -> None:
     closing_ns = 3_500_000_000  # a thumb that has a long way to close
     assert staged.done_at_ns is not None
     assert lost_ns - staged.done_at_ns < closing_ns
+    on_hardware = msgspec.structs.replace(trial, final=None)  # no truth tells
+    on_hardware.trace.end = None
+    assert lift.judge(staged.config, 0, on_hardware, None).outcome == "dropped"
 
 
 @pytest.mark.parametrize("broken", [fault.stick_one_taxel_at_the_rail, fault.freeze_taxels(3)])
