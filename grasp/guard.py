@@ -63,8 +63,10 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.1
     # `travel_bound`: closing ends where force of the first grasp + stiffness x travel is the limit
     travel_bound: Annotated[
-        bool, Meta(description="closing also stops where the stiffness predicts the limit")
-    ] = False
+        bool | None,
+        Meta(description="closing also stops where the stiffness predicts the limit; null: if the "
+             "object states its stiffness, the grip is weak and the thumb closes alone"),
+    ] = None  # fmt: skip
     counts_per_newton: Annotated[
         float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
     ] = 160.0

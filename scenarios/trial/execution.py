@@ -29,7 +29,13 @@ from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.permission import arm_address
 from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.feasibility import check_arm, check_grip, check_override, check_waits
+from scenarios.trial.feasibility import (
+    bounded_by_travel,
+    check_arm,
+    check_grip,
+    check_override,
+    check_waits,
+)
 from scenarios.trial.final_state import FinalState, end_message, final_state
 from scenarios.trial.operator_prompts import TapeMark
 from scenarios.trial.result import (
@@ -60,7 +66,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     check_override(config)
     known = calibration(config)
     guard = ForceGuard(
-        config.guard,
+        msgspec.structs.replace(config.guard, travel_bound=bounded_by_travel(config)),
         known.least_force_n,
         stiffness(config),
         known.least_speed_mps,

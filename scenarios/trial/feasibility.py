@@ -12,6 +12,15 @@ from scenarios.rigs.config import HARDWARE
 from scenarios.trial.config import TrialConfig
 
 
+def bounded_by_travel(config: TrialConfig) -> bool:
+    """Whether the guard bounds the travel of a closing, set or by default."""
+    guard = config.guard
+    if guard.travel_bound is not None:
+        return guard.travel_bound
+    stated = config.object.contact_stiffness_npm is not None
+    return stated and not config.controller.firm and guard.cap_mode == "every_finger"
+
+
 def check_override(config: TrialConfig) -> None:
     """Raises ConfigError for incremental tightening with a hand that overrides its force setting.
 
@@ -20,7 +29,7 @@ def check_override(config: TrialConfig) -> None:
     if (
         overrides
         and config.controller.slip_response == "stop_and_step"
-        and not config.guard.travel_bound
+        and not bounded_by_travel(config)
     ):
         raise ConfigError(
             "hand", "override_s",

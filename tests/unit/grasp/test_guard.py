@@ -279,7 +279,7 @@ def test_guard_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(GuardSettings()) == {
         "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
         "contact_stiffness_npm": 2500.0,
-        "tip_mass_kg": 0.1, "travel_bound": False, "counts_per_newton": 160.0,
+        "tip_mass_kg": 0.1, "travel_bound": None, "counts_per_newton": 160.0,
         "estimate_margin_n": 5.0,
     }  # fmt: skip
 
