@@ -77,8 +77,18 @@ class Stretch(msgspec.Struct, frozen=True):
     commands: tuple[tuple[str, int], ...]  # sent, and after which tick of the stretch
 
 
+class Description(msgspec.Struct, frozen=True):
+    """What is wrong with what the application is told of the cell: settings of the simulated world
+    that differ, the order of the fingertips, and the share of a force that they read."""
+
+    what: str
+    world: tuple[str, ...] = ()
+    order: tuple[int, int, int] = (0, 1, 2)
+    gain: float = 1.0
+
+
 class Case(msgspec.Struct, frozen=True):
-    """One run: when and which faults are injected."""
+    """One run: when and which faults are injected, and what is wrong with the description."""
 
     number: int
     object: str
@@ -92,8 +102,11 @@ class Case(msgspec.Struct, frozen=True):
     then_ticks: int = 0  # after the first
     then_recovers: bool = False
     safe: bool = False  # the first causes a safe state; the second suppresses its command
+    description: Description | None = None  # None: the cell is as described
 
     def __str__(self) -> str:
+        if self.description is not None:
+            return f"{self.object} {self.seed}: {self.description}"
         end = "ends" if self.recovers else "stays"
         first = f"{self.object} {self.seed}: {self.phase} {self.visit} +{self.ticks}: {self.fault}"
         return f"{first}, {end}" + (f"; +{self.then_ticks}: {self.then}" if self.then else "")

@@ -42,6 +42,16 @@ class Declared(msgspec.Struct, frozen=True):
 
 DECLARED = (
     Declared(
+        "two fingertips, one on each side, that read the same wrong force look like that force",
+        r"fingertips finger . (sticks high|close|drifts)", frozenset({"grasp.brace"}),
+        frozenset({"misleading"}), r"wider than its file says", lasting=False,
+    ),
+    Declared(
+        "the same as an overload: the hand closes no further, and the outcome reports it",
+        r"fingertips finger . (sticks high|close|drifts)", ANY, frozenset({"missed", "dropped"}),
+        r"^(dropped|cap_reached);",
+    ),
+    Declared(
         "an object that slips with the force of the first grasp cannot be held without a closing",
         r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),

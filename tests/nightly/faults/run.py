@@ -260,8 +260,13 @@ def run(case: Case) -> Ended:
 
 def _run(moment: Moment) -> Ended:
     case, injection = moment.case, Injection()
-    config = load_config(case.object, "simulated").for_lift().built_for(case.seed)
-    rig = injection.rig = simulated(config, case.seed, paced=False, wrappers=injection.wires)
+    world = () if case.description is None else case.description.world
+    config, true = (
+        load_config(case.object, "simulated", None, None, settings).for_lift().built_for(case.seed)
+        for settings in ((), world)
+    )
+    rig = injection.rig = simulated(true, case.seed, paced=False, wrappers=injection.wires)
+    injection.pads.description = case.description
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)
     injection.pads.of(cell.board)

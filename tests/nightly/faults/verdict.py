@@ -109,6 +109,8 @@ def timed_out(end: Ended) -> str:
 def misleading(end: Ended) -> str:
     """False statements of the last line."""
     injected = frozenset(fault.device for fault in end.case.faults)
+    if end.case.description is not None:
+        injected |= {"gripper", "fingertips"}
     moves = end.arm_mps > 0.0 or end.later_arm_mps > 0.0
     known = Known(
         wrong=injected, pressed_n=end.pressed_n, arm_moves=end.arm_mps > 0.0,
@@ -148,8 +150,12 @@ def problems(end: Ended) -> dict[str, str]:
 
 
 def fell(end: Ended) -> dict[str, str]:
-    """Problems that are not accepted in ``declared``."""
+    """Problems that are not accepted in ``declared``. Of a wrong description none is accepted but
+    force, of a hand stronger than its calibration, and a failed lift, and both must be reported."""
     found = problems(end)
+    if end.case.description is not None:
+        reported = end.outcome not in SUCCESSES
+        return {k: v for k, v in found.items() if not (k in ("force", "missed") and reported)}
     text = "; ".join((end.outcome, end.message, end.arm, end.hand, *end.unconfirmed))
     covered = any(d.covers(_explaining(end), end.phase, found, text) for d in DECLARED)
     return {} if covered else found

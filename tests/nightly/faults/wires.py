@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from detector.interface import SlipDetector
 from drivers.errors import LinkLost
-from drivers.interfaces import Vector3
+from drivers.interfaces import FINGERS, Vector3
 from drivers.robotiq.driver import RegisterTransport
 from drivers.takktile.board import Transfer
 from drivers.takktile.model.board import BoardModel
@@ -19,7 +19,8 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
-from tests.nightly.faults.cases import AXES, RECOVERS_NS, TAXELS, Fault
+from grasp.guard import GuardSettings
+from tests.nightly.faults.cases import AXES, RECOVERS_NS, TAXELS, Description, Fault
 from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb, wrong
 
 Codes = NDArray[np.int16]
@@ -34,8 +35,10 @@ PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slic
              "temperatures": slice(0, 18)}  # fmt: skip
 PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
 RAIL, SHIFT = 1023, 150  # codes
+STICKS_N = 15.5  # reading of a fingertip that sticks high, at the default counts per newton
 # codes a second, of one taxel or shared by those of a finger, like a growing pressure
 DRIFT_PS = 60.0
+COUNTS_PER_N = GuardSettings().counts_per_newton
 WIDTH = 6  # bits below a code in its word
 
 
@@ -280,6 +283,9 @@ class PadWire(Wire):
         self._usb: Any = None
         self._kept: dict[int, Codes] = {}
         self._board: Any = None
+        self._rest: Codes | None = None  # codes of the first transfer, which nothing loads
+        self._noise = np.random.default_rng(0)
+        self.description: Description | None = None
 
     def around(self, usb: UsbBoard) -> "PadWire":
         self._usb = usb
@@ -307,6 +313,10 @@ class PadWire(Wire):
         if transfer is None:
             return None
         words = None
+        if self._rest is None and 2 * coded(transfer.data).size == len(transfer.data):
+            self._rest = _codes(coded(transfer.data)[:, 0])
+        if self.description is not None:
+            words = self._as_described(coded(transfer.data), self.description)
         for active in self.active_state_faults(now_ns):
             words = coded(transfer.data) if words is None else words
             if 2 * words.size == len(transfer.data):  # no other fault has shortened it
@@ -314,6 +324,14 @@ class PadWire(Wire):
         if words is None:
             return transfer
         return Transfer(words.astype(">u2").tobytes(), transfer.done_ns)
+
+    def _as_described(self, words: Codes, wrong: Description) -> Codes:
+        """The words of fingertips in another order that read another share of a force."""
+        out, codes = words.copy(), _codes(words[:, 0])
+        rest = codes if self._rest is None else self._rest
+        read = np.rint(rest + wrong.gain * (codes - rest)).reshape(FINGERS, -1)[list(wrong.order)]
+        out[:, 0] = _words(read.ravel())
+        return out
 
     def tick(self, now_ns: int) -> None:
         """Inject faults of the link at the board."""
@@ -337,14 +355,25 @@ class PadWire(Wire):
         if kind == "frozen":
             true = self._kept.setdefault(id(active), true.copy())
         else:
-            codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
-            if kind == "drifts":
+            codes = _codes(true)
+            if kind == "sticks high" and self._rest is not None:
+                noise = np.rint(self._noise.normal(0.0, 0.65, len(codes))).astype(np.int32)
+                codes = self._rest[cells] - round(STICKS_N * COUNTS_PER_N / len(codes)) + noise
+            elif kind == "drifts":
                 codes = codes - round(DRIFT_PS / len(codes) * (now_ns - active.since_ns) * 1e-9)
             else:
                 codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT
-            true = (np.clip(codes, 0, RAIL).astype(np.uint16) << WIDTH).view(np.int16)
+            true = _words(codes)
         out[cells, column] = true
         return out
+
+
+def _codes(words: Codes) -> NDArray[np.int32]:
+    return (words.astype(np.uint16) >> WIDTH).astype(np.int32)
+
+
+def _words(codes: NDArray[Any]) -> Codes:
+    return (np.clip(codes, 0, RAIL).astype(np.uint16) << WIDTH).view(np.int16)
 
 
 class FailingDetector(Wire):
