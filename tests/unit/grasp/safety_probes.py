@@ -24,7 +24,7 @@ def guard(**settings: Any) -> ForceGuard:
 def admitted(estimated_n: float = 0.0, **settings: Any) -> CloseFast | None:
     """The admitted form of a closing with maximal values; None if the fingers hold."""
     close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
-    admitted_command = guard(**settings).admit(close, gripper(), (estimated_n, 0.0, 0.0))
+    admitted_command = guard(**settings).admit(close, gripper(), (estimated_n, estimated_n, 0.0))
     return admitted_command if isinstance(admitted_command, CloseFast) else None
 
 
@@ -107,7 +107,7 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
-    """Move number ``number`` of the fingers: 0 shapes the hand, 1 grasps."""
+    """Move number ``number`` of the fingers: 0 and 1 shape the hand, 2 grasps."""
     d = Driver(**settings)
     d.until(State.BRACE)
     return [c for c in d.commands if isinstance(c, MoveFingers)][number]
