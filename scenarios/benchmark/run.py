@@ -5,8 +5,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import msgspec
 import numpy as np
@@ -34,6 +35,8 @@ ORACLE_S = (0.0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2, 0.3)
 TIMED_UPDATES, FIRST_UPDATES = 2000, 50  # a slow detector is known after the first
 COST = "cost.json"  # beside benchmark.json: it differs between runs
 Progress = Callable[[str, int, int], None]
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class Point(msgspec.Struct, frozen=True):
@@ -191,7 +194,7 @@ class Benchmark(msgspec.Struct, frozen=True):
             msgspec.structs.replace(task, oracle_s=delay_s)
             for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
         ]  # fmt: skip
-        rows = self._run(tasks, "oracle, lifts")
+        rows = self._run(tasks, "oracle")
         none = np.empty((0, FINGERS))
         taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
         return [
@@ -211,14 +214,14 @@ class Benchmark(msgspec.Struct, frozen=True):
                 msgspec.structs.replace(config, rule=rule), self.split, 0 if i else checked
             )
         ]
-        found = self._run(tasks, f"{config.detector_label}, lifts")
+        found = self._run(tasks, config.detector_label)
         n = self.protocol.lifts.number
         return [[row for _, row in found[i * n : (i + 1) * n]] for i in range(len(rules))]
 
-    def _run(self, tasks: Sequence[LiftTask], title: str) -> list[tuple[LiftTask, LiftRow]]:
-        shown, found = self._shown(title), {}
+    def _run(self, tasks: Sequence[LiftTask], name: str) -> list[tuple[LiftTask, LiftRow]]:
+        shown, found = self._shown(f"{name}, lifts"), {}
         shown(0, len(tasks))
-        numbered = results(_numbered, list(enumerate(tasks)), self.workers)
+        numbered = results(_numbered, list(enumerate(tasks)), self.workers, streams.gives_up(name))
         for done, (key, row) in enumerate(numbered, 1):
             found[key] = row
             shown(done, len(tasks))
@@ -227,16 +230,43 @@ class Benchmark(msgspec.Struct, frozen=True):
     def _real(self, config: LiftConfig) -> dict[str, Figure]:
         found = {}
         for name, recordings in self.real.items():
-            parts = []
-            for recording in recordings:
-                made = config.make_detector(recording.fingers, recording.taxels)
-                p = stream(made, recording.counts)[0]
-                parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
+            parts = in_one_process(partial(_real_samples, config), recordings, config, self.workers)
             found[name] = streams.sample_auc(parts)
         return found
 
     def _shown(self, title: str) -> Callable[[int, int], None]:
         return lambda done, of: self.progress(title, done, of)
+
+
+def first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
+    """``cost`` of a detector, after a check that it can read the real recordings. Raises
+    UsageError."""
+    config.make_detector(1)  # the paper's recordings are of one finger
+    for name, each in ((name, each) for name, parts in real.items() for each in parts):
+        try:
+            config.make_detector(each.fingers, each.taxels)
+        except UsageError as error:
+            raise UsageError(f"{name}: {error.message}", error.remedy) from None
+    return cost(config)
+
+
+def in_one_process(work: Callable[[T], R], task: T, config: LiftConfig, workers: Workers) -> R:
+    """Result of a task that uses one detector; its process ends with it. Raises UsageError for a
+    detector that never returns."""
+    one = Workers(min(1, workers.processes))
+    (found,) = results(work, [task], one, streams.gives_up(config.detector_label))
+    return found
+
+
+def _real_samples(
+    config: LiftConfig, recordings: Sequence[Recording]
+) -> list[tuple[streams.Floats, streams.Labels]]:
+    parts = []
+    for recording in recordings:
+        made = config.make_detector(recording.fingers, recording.taxels)
+        p = stream(made, recording.counts)[0]
+        parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
+    return parts
 
 
 def _numbered(task: tuple[int, LiftTask]) -> tuple[int, LiftRow]:
