@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import DecisionRule
-from detector.interface import SlipDetector, motion_reader
+from detector.interface import SlipDetector, engine_name, motion_reader
 from drivers.errors import ConfigError, GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
@@ -147,6 +147,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     real_time: bool | None  # whether a real-time priority was granted; None in virtual time
     bug: Bug | None  # the unexpected exception that ended it
     way_out: str  # how to open a hand that was left closed; empty where its cell has ended
+    engine: str | None = None  # what computed the network
     mark: TapeMark | None = None  # the operator's reading at the top of a lift
 
     @property
@@ -237,6 +238,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "object": config.object.name,
             "rig": config.rig,
             "detector": config.detector_label,
+            "engine": self.engine,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_estimated_n": named(self.trace.peak_estimated_n),
@@ -275,7 +277,7 @@ def run_trial(
     home from an earlier trial on this rig (``controller.home``). ``detector`` replaces the selected
     one.
     """
-    controller = make_controller(config, home)
+    controller, detector = make_controller(config, home), detector or config.make_detector(FINGERS)
     trace, read_truth = Trace(), rig.read_truth
 
     def look() -> Truth | None:
@@ -314,7 +316,7 @@ def run_trial(
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
-        bugs[0] if bugs else None, rig.release_hint,
+        bugs[0] if bugs else None, rig.release_hint, engine_name(detector),
     )  # fmt: skip
 
 
