@@ -46,11 +46,8 @@ def _tanh(x):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return x * p / q
 
 
-# An explicit signature is compiled, or read from the cache, when this module is imported. Without
-# numpy's error model, a check of every divisor would prevent vector instructions.
-@compiled(
-    "void(uintp[:, ::1], float32[::1])", error_model="numpy", fastmath={"contract", "reassoc"}
-)
+# Without numpy's error model, a check of every divisor would prevent vector instructions.
+@compiled(error_model="numpy", fastmath={"contract", "reassoc"})
 def execute(program, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201, PLR0912
     """Execute a program on the memory ``m``. A line of the program is an instruction: operator,
     number and length of its rows, inner length of a product; then the place of the result and of
@@ -128,6 +125,7 @@ class CompiledNetwork:
         """Raises an exception for a file with other operators."""
         made = _translated(content, tuple(inputs.items()), fingers)
         self._program, self._memory = made.program, made.memory.copy()
+        execute(self._program[:0], self._memory)  # compiles it, or raises
         self.inputs = {name: self._view(made.tensors[name]) for name in inputs}
         self.probability = self._view(made.tensors["probability"])
 

@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.energy import EnergyDetector, EnergySettings
-from detector.network import (
-    NetworkSettings,
-    StreamingNetwork,
-    WindowedNetwork,
-    find_network,
-    load_network,
-)
+from detector.network import NetworkSettings, StreamingNetwork, find_network, load_network
 from detector.network_file import is_weights, packaged_networks, weights_digest, weights_path
 from detector.plugins import PluginSettings, code_digest, is_plugin, load_plugin
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
@@ -131,10 +125,3 @@ def load_detector(
 def motion_reader(detector: SlipDetector) -> Callable[[], Motion | None]:
     """Reader of the estimated fingertip motion; it returns None without auxiliary outputs."""
     return detector.motion if isinstance(detector, StreamingNetwork) else lambda: None
-
-
-def engine_name(detector: SlipDetector) -> str | None:
-    """What computes a network: `compiled` or `onnxruntime`; None for another detector."""
-    if isinstance(detector, StreamingNetwork | WindowedNetwork):
-        return detector.engine.name
-    return None

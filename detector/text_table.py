@@ -13,7 +13,7 @@ from drivers.errors import BadFile
 
 DELIMITERS = "\t;,"  # in this order: a comma may be within the cells of the others
 MOST_BYTES = 200_000_000  # of a file: hours; as text it needs up to 13 times its size in memory
-MOST_SHARED = 6  # characters: a count; longer numbers rarely repeat
+MOST_SHARED = 6  # characters of a cell that shares its memory with equal ones: a count
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
@@ -32,12 +32,6 @@ class TextTable(msgspec.Struct, frozen=True):
                 remedy = f"there must be {len(self.rows[0])}, as in the first row"
                 raise BadFile(self.source, f"{len(row)} columns", remedy, line)
         return list(zip(*self.rows[first:], strict=True))
-
-
-def _shared(cell: str) -> str:
-    """The cell without spaces around it; equal short ones are one object, to save memory."""
-    cell = cell.strip()
-    return sys.intern(cell) if len(cell) <= MOST_SHARED else cell
 
 
 @contextmanager
@@ -65,15 +59,16 @@ def read_table(path: Path) -> TextTable:
     if path.exists() and (size := path.stat().st_size) > MOST_BYTES:
         problem = f"is too large: {size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} are allowed"
         raise BadFile(path, problem, "cut it into several files")
-    with (
-        as_bad_file(path, "give a CSV file in UTF-8"),
-        path.open(encoding="utf-8-sig") as file,
-    ):
+    with as_bad_file(path, "give a CSV file in UTF-8"), path.open(encoding="utf-8-sig") as file:
         first = re.sub('"[^"]*"', "", next(filter(str.strip, file), ""))
         file.seek(0)
         delimiter = next((d for d in DELIMITERS if d in first), ",")
         reader = csv.reader(file, delimiter=delimiter, strict=True)
-        numbered = [(list(map(_shared, row)), reader.line_num) for row in reader]
+        cells = (
+            [sys.intern(c) if len(c) <= MOST_SHARED else c for c in map(str.strip, row)]
+            for row in reader
+        )
+        numbered = [(row, reader.line_num) for row in cells]
     numbered = [(row, line) for row, line in numbered if any(row)]
     for row, line in numbered:
         if comma := next((cell for cell in row if DECIMAL_COMMA.fullmatch(cell)), None):

@@ -4,7 +4,6 @@ import argparse
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -31,14 +30,7 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import (
-        COST,
-        Benchmark,
-        BenchmarkFile,
-        first_use,
-        in_one_process,
-        results_of_others,
-    )
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, costs_of, results_of_others
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -50,10 +42,7 @@ def benchmark(args: argparse.Namespace) -> int:
     check_digest(protocol, args.split)
     real = _real(args.recording or ())
     configs = _configs(names, [*layout, *(args.config or ())], args.set)
-    costs = {
-        config.detector_label: in_one_process(partial(first_use, config), real, config, pool)
-        for config in configs
-    }
+    costs = costs_of(configs, real, pool)
     make_private_folder(args.out)
     made: list[Any] = []
     out = args.out / FILE

@@ -51,57 +51,41 @@ class Outcome(NamedTuple):
             tuple(float(forces.get(name, math.nan)) for name in FINGER_NAMES),
         )
 
-    @classmethod
-    def refused(cls, why: str) -> "Outcome":
-        """Of a lift that was not started."""
-        return cls.of({"error": {"kind": "refused", "message": why}})
-
 
 class Slot:
     """The one command that a node runs at a time. A stop reaches one that is starting, too."""
 
     def __init__(self) -> None:
-        self._busy = threading.Lock()
+        self.busy = threading.Lock()
+        self.stopping = False  # since a lift was accepted
         self._child: Child | None = None
-        self._stopping = False
-
-    @property
-    def busy(self) -> bool:
-        """Whether a command runs."""
-        return self._busy.locked()
-
-    def expect(self) -> None:
-        """A lift was accepted: a stop that comes after this is for it."""
-        self._stopping = False
 
     @contextmanager
     def taken(self) -> Iterator[bool]:
-        """Hold the slot; False if it is taken. A command that an exception left running is
-        stopped."""
-        if not self._busy.acquire(blocking=False):
-            yield False
-            return
+        """Hold the slot; False if it is taken. Stops what an exception left running."""
+        free = self.busy.acquire(blocking=False)
         try:
-            yield True
+            yield free
         finally:
-            if self._child is not None:
-                self._child.stop()
-            self._child = None
-            self._busy.release()
+            if free:
+                if self._child is not None:
+                    self._child.stop()
+                self._child = None
+                self.busy.release()
 
     def start(self, words: Sequence[str], lift: bool = False) -> Child:
         """Start a command; a lift that was told to stop before its process existed stops now."""
         self._child = child = Child(words, feeds=lift)
-        if lift and self._stopping:
+        if lift and self.stopping:
             child.stop()
         return child
 
     def stop(self) -> bool:
         """Stop what runs or starts; returns whether anything runs."""
-        self._stopping = True
+        self.stopping = True
         if (child := self._child) is not None:
             child.stop()
-        return self.busy
+        return self.busy.locked()
 
 
 class Lifts:
@@ -156,11 +140,9 @@ class Lifts:
 
     def _load(self, goal: Goal) -> Any:
         args = self._args
-        rig = [Path(args.rig)] if is_path(args.rig) else []
-        for file in (*config_files(args.config), *rig):
+        for file in (*config_files(args.config), *map(Path, filter(is_path, [args.rig]))):
             if file.exists() and not file.is_file():  # reading a pipe may never end
-                allowed = "a file, because each lift reads it again"
-                raise ConfigError(str(file), "-", "is no regular file", allowed)
+                raise ConfigError(str(file), "-", "is no regular file", "one that stays readable")
         return load_config(
             goal.object or str(args.object), args.rig, args.detector, args.config, args.set,
             goal.profile or args.profile,

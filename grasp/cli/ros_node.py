@@ -55,6 +55,7 @@ RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
 RUNNING = "a lift or a release is running"
+REFUSED = Outcome.of({"error": {"kind": "refused", "message": RUNNING}})
 SERVICES = QoSProfile(depth=100)  # requests that wait, of many clients at once
 QOS = {
     SENSOR: qos_profile_sensor_data,
@@ -157,7 +158,7 @@ class GraspNode:
         executor = MultiThreadedExecutor(THREADS)
         executor.add_node(self._node)
         try:
-            while not signals.received() or self._slot.busy:
+            while not signals.received() or self._slot.busy.locked():
                 if signals.received():
                     self._stop()
                 executor.spin_once(SPIN_S)
@@ -174,12 +175,12 @@ class GraspNode:
     def _accept(self, request: Any) -> Any:
         goal = self._action.goal(request)
         problem = self._lifts.problem(goal)
-        if not problem and (signals.received() or self._slot.busy):
+        if not problem and (signals.received() or self._slot.busy.locked()):
             problem = RUNNING
         if problem:
             self._log.warning(f"lift refused: {problem}")
             return GoalResponse.REJECT
-        self._slot.expect()
+        self._slot.stopping = False
         return GoalResponse.ACCEPT
 
     def _cancel(self, handle: Any) -> Any:
@@ -191,7 +192,7 @@ class GraspNode:
         with self._slot.taken() as free:
             if not free or signals.received():  # accepted at the same time as another one
                 handle.abort()
-                return self._action.result(Outcome.refused(RUNNING))
+                return self._action.result(REFUSED)
             try:
                 self._publish_state(STARTING)
                 child = self._slot.start(self._lifts.words(self._action.goal(handle.request)), True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -35,8 +35,6 @@ ORACLE_S = (0.0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2, 0.3)
 TIMED_UPDATES, FIRST_UPDATES = 2000, 50  # a slow detector is known after the first
 COST = "cost.json"  # beside benchmark.json: it differs between runs
 Progress = Callable[[str, int, int], None]
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 class Point(msgspec.Struct, frozen=True):
@@ -221,7 +219,8 @@ class Benchmark(msgspec.Struct, frozen=True):
     def _run(self, tasks: Sequence[LiftTask], name: str) -> list[tuple[LiftTask, LiftRow]]:
         shown, found = self._shown(f"{name}, lifts"), {}
         shown(0, len(tasks))
-        numbered = results(_numbered, list(enumerate(tasks)), self.workers, streams.gives_up(name))
+        quiet = partial(streams.give_up, name)
+        numbered = results(_numbered, list(enumerate(tasks)), self.workers, quiet)
         for done, (key, row) in enumerate(numbered, 1):
             found[key] = row
             shown(done, len(tasks))
@@ -230,7 +229,11 @@ class Benchmark(msgspec.Struct, frozen=True):
     def _real(self, config: LiftConfig) -> dict[str, Figure]:
         found = {}
         for name, recordings in self.real.items():
-            parts = in_one_process(partial(_real_samples, config), recordings, config, self.workers)
+            parts = []
+            for recording in recordings:
+                made = config.make_detector(recording.fingers, recording.taxels)
+                p = stream(made, recording.counts)[0]
+                parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
             found[name] = streams.sample_auc(parts)
         return found
 
@@ -238,9 +241,18 @@ class Benchmark(msgspec.Struct, frozen=True):
         return lambda done, of: self.progress(title, done, of)
 
 
-def first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
-    """``cost`` of a detector, after a check that it can read the real recordings. Raises
-    UsageError."""
+def costs_of(
+    configs: Sequence[LiftConfig], real: dict[str, list[Recording]], workers: Workers
+) -> dict[str, Cost]:
+    """``cost`` by detector. Raises UsageError, also for one that cannot read a recording."""
+    one, found = Workers(min(1, workers.processes)), {}
+    for config in configs:
+        quiet = partial(streams.give_up, config.detector_label)
+        (found[config.detector_label],) = results(partial(_first_use, config), [real], one, quiet)
+    return found
+
+
+def _first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
     config.make_detector(1)  # the paper's recordings are of one finger
     for name, each in ((name, each) for name, parts in real.items() for each in parts):
         try:
@@ -248,25 +260,6 @@ def first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
         except UsageError as error:
             raise UsageError(f"{name}: {error.message}", error.remedy) from None
     return cost(config)
-
-
-def in_one_process(work: Callable[[T], R], task: T, config: LiftConfig, workers: Workers) -> R:
-    """Result of a task that uses one detector; its process ends with it. Raises UsageError for a
-    detector that never returns."""
-    one = Workers(min(1, workers.processes))
-    (found,) = results(work, [task], one, streams.gives_up(config.detector_label))
-    return found
-
-
-def _real_samples(
-    config: LiftConfig, recordings: Sequence[Recording]
-) -> list[tuple[streams.Floats, streams.Labels]]:
-    parts = []
-    for recording in recordings:
-        made = config.make_detector(recording.fingers, recording.taxels)
-        p = stream(made, recording.counts)[0]
-        parts.append(streams.samples(Streamed(recording, p, np.empty(0)), config.rule))
-    return parts
 
 
 def _numbered(task: tuple[int, LiftTask]) -> tuple[int, LiftRow]:

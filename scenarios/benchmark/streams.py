@@ -133,15 +133,11 @@ def _probabilities(task: _Task) -> tuple[str, Floats]:
     return task.path, stream(made, counts)[0]
 
 
-def gives_up(detector: str) -> Callable[[float], None]:
-    """A limit for workers: raises UsageError with the detector's name after NO_RESULT_S."""
-
-    def quiet(silent_s: float) -> None:
-        if silent_s >= NO_RESULT_S:
-            problem = f"{detector}: no result for {NO_RESULT_S / 60:g} minutes, so it was ended"
-            raise UsageError(problem, "its `update` must return within the sample period")
-
-    return quiet
+def give_up(detector: str, silent_s: float) -> None:
+    """Raise UsageError if its workers have given no result for NO_RESULT_S."""
+    if silent_s >= NO_RESULT_S:
+        problem = f"{detector}: no result for {NO_RESULT_S / 60:g} minutes, so it was ended"
+        raise UsageError(problem, "its `update` must return within the sample period")
 
 
 def stream_files(
@@ -152,9 +148,8 @@ def stream_files(
     tasks = [_Task(config, str(path)) for paths in files.values() for path in paths]
     found: dict[str, Floats] = {}
     progress(0, len(tasks))
-    for done, (path, p) in enumerate(
-        results(_probabilities, tasks, workers, gives_up(config.detector_label)), 1
-    ):
+    quiet = partial(give_up, config.detector_label)
+    for done, (path, p) in enumerate(results(_probabilities, tasks, workers, quiet), 1):
         found[path] = p
         progress(done, len(tasks))
     none = np.empty(0)

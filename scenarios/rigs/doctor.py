@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from detector.interface import DETECTORS, engine_name
+from detector.interface import DETECTORS
 from detector.plugins import installed_plugins
 from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 from grasp.files import nearest_folder, why_not_writable
@@ -39,8 +39,7 @@ def examine(
     checks = [checked("configuration", lambda: _configuration(rig, files, load))]
     readable = checks[0].status == "ok"
     checks += _detectors(load, detectors) if readable else [Check("detectors", "warn", NOT_YET)]
-    if readable:
-        checks.append(checked("simulation", partial(_simulation, load)))
+    checks += [checked("simulation", partial(_simulation, load))] if readable else []
     checks.append(checked("usb", _usb))
     checks += _devices(rig, load, would_run) if readable else [Check("devices", "warn", NOT_YET)]
     checks.append(checked("loop jitter", _jitter))
@@ -69,13 +68,11 @@ def _detector(load: Load, name: str) -> Finding:
     for frame in frames:
         detector.update(frame)
     spent_us = (time.perf_counter_ns() - start) / len(frames) * 1e-3
-    engine = engine_name(detector)
-    return "ok", f"loads{f' ({engine})' if engine else ''}; {spent_us:.0f} us per update"
+    return "ok", f"loads; {spent_us:.0f} us per update"
 
 
 def _simulation(load: Load) -> Finding:
-    """Open a simulated cell, whose compiled functions are then loaded."""
-    with open_rig(load("simulated", None), 0, paced=False):
+    with open_rig(load("simulated", None), 0, paced=False):  # loads its compiled functions
         return "ok", "a simulated cell opens"
 
 

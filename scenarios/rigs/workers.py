@@ -20,13 +20,13 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import closing, contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import closing, contextmanager
+from importlib.metadata import distributions
 from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost, UsageError, describe_exception, on_failure
+from drivers.errors import GraspError, LinkLost, UsageError, on_failure
 from grasp import signals
 
 T = TypeVar("T")
@@ -58,15 +58,10 @@ class Outcome(msgspec.Struct, Generic[T, R], frozen=True):
     error: BaseException | None = None
 
 
-def _nothing(_: float) -> None:
-    pass
-
-
 def results(
-    work: Callable[[T], R], tasks: Sequence[T], workers: Workers, quiet: Quiet = _nothing
+    work: Callable[[T], R], tasks: Sequence[T], workers: Workers, quiet: Quiet | None = None
 ) -> Generator[R, None, None]:
-    """Results in order of completion; the first error ends the other tasks and is raised. Tasks in
-    this process are not watched by ``quiet``."""
+    """Results in order of completion; the first error ends the other tasks and is raised."""
     with closing(outcomes(work, tasks, workers, quiet)) as found:
         for outcome in found:
             if outcome.error is not None:
@@ -75,7 +70,7 @@ def results(
 
 
 def outcomes(
-    work: Callable[[T], R], tasks: Sequence[T], workers: Workers, quiet: Quiet = _nothing
+    work: Callable[[T], R], tasks: Sequence[T], workers: Workers, quiet: Quiet | None = None
 ) -> Generator[Outcome[T, R], None, None]:
     """Outcomes in order of completion; closing the generator or Ctrl-C ends all workers.
 
@@ -115,7 +110,7 @@ def _run_task(work: Callable[[T], R], task: T) -> Outcome[T, R]:
 
 
 def _processes(
-    work: Callable[[T], R], tasks: Sequence[T], processes: int, quiet: Quiet
+    work: Callable[[T], R], tasks: Sequence[T], processes: int, quiet: Quiet | None
 ) -> Iterator[Outcome[T, R]]:
     """A worker that dies breaks its pool, and which task caused it is unknown. The tasks in flight
     run again one at a time; the one whose worker dies again gets the error."""
@@ -137,7 +132,7 @@ def _processes(
 
 
 def _drain(
-    executor: Executor, waiting: deque[T], ahead: int, work: Callable[[T], R], quiet: Quiet
+    executor: Executor, waiting: deque[T], ahead: int, work: Callable[[T], R], quiet: Quiet | None
 ) -> Iterator[Outcome[T, R]]:
     """Submit tasks until none waits or the executor breaks; yields the outcomes of all submitted
     ones."""
@@ -152,7 +147,7 @@ def _drain(
                 broken = True
         done = wait(out, ASK_S, FIRST_COMPLETED).done
         silent_s = 0.0 if done else silent_s + ASK_S
-        if not done:
+        if quiet and not done:
             quiet(silent_s)
         for future in done:
             task = out.pop(future)
@@ -189,7 +184,7 @@ def _prepare(parent: int) -> None:
 
 
 def _cluster(
-    work: Callable[[T], R], tasks: Sequence[T], address: str, quiet: Quiet
+    work: Callable[[T], R], tasks: Sequence[T], address: str, quiet: Quiet | None
 ) -> Iterator[Outcome[T, R]]:
     """Outcomes from a Dask cluster. The scheduler moves tasks of a lost worker to others; a task
     that repeatedly kills workers gets the error."""
@@ -217,7 +212,8 @@ def _cluster(
             if gone_s >= GONE_S:
                 problem = f"the scheduler at {address} has had no workers for {GONE_S:g} s"
                 raise LinkLost(problem, f"start them again, {GO_ON}")
-            quiet(silent_s)
+            if quiet:
+                quiet(silent_s)
 
         executor = client.get_executor(pure=False)
         try:
@@ -230,18 +226,13 @@ def _cluster(
 def _check_versions(client: Any) -> None:
     """Raise UsageError for a worker of the cluster with other versions, or without the package:
     its tasks would wait for ever."""
-    ours = _versions()
-    for worker, theirs in client.run(_versions, on_error="return").items():
-        if theirs != ours:
-            found = theirs if isinstance(theirs, str) else describe_exception(theirs)
-            problem = f"the worker {worker} has other versions than this process: {found}"
-            raise UsageError(problem, f"install the same on each: {ours}")
+    ours, found = _versions(), client.run(_versions, on_error="return")
+    if others := {worker: theirs for worker, theirs in found.items() if theirs != ours}:
+        problem = f"workers of the cluster have other versions than this process: {others}"
+        raise UsageError(problem, f"install the same on each: {ours}")
 
 
 def _versions() -> str:
-    """Versions that results depend on, of this process."""
-    found = [f"Python {sys.version_info.major}.{sys.version_info.minor}"]
-    for name in PACKAGES:
-        with suppress(PackageNotFoundError):  # it was not installed, but found on PYTHONPATH
-            found.append(f"{name} {version(name)}")
-    return ", ".join(found)
+    python = "{}.{}".format(*sys.version_info)
+    found = {each.name: each.version for name in PACKAGES for each in distributions(name=name)}
+    return ", ".join(f"{name} {version}" for name, version in {"Python": python, **found}.items())

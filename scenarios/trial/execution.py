@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import DecisionRule
-from detector.interface import SlipDetector, engine_name, motion_reader
+from detector.interface import SlipDetector, motion_reader
 from drivers.errors import ConfigError, GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
@@ -316,7 +316,8 @@ def run_trial(
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
-        bugs[0] if bugs else None, rig.release_hint, engine_name(detector),
+        bugs[0] if bugs else None, rig.release_hint,
+        engine=getattr(getattr(detector, "engine", None), "name", None),
     )  # fmt: skip
 
 

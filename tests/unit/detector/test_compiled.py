@@ -8,7 +8,7 @@ import onnx
 import pytest
 
 from detector.compiled import CompiledNetwork
-from detector.interface import SlipDetector, engine_name
+from detector.interface import SlipDetector
 from detector.network import RuntimeNetwork, StreamingNetwork, engine_of, run_network
 from detector.network_file import packaged_networks, read_network, weights_path
 from tests.unit.detector.network_files import walk, write_network
@@ -31,7 +31,7 @@ def test_packaged_network_equals_onnx_runtime(name: str, monkeypatch: pytest.Mon
     other = in_onnx_runtime(name, monkeypatch)
     assert isinstance(compiled.engine, CompiledNetwork)
     assert isinstance(other.engine, RuntimeNetwork)
-    assert (engine_name(compiled), engine_name(other)) == ("compiled", "onnxruntime")
+    assert (compiled.engine.name, other.engine.name) == ("compiled", "onnxruntime")
     for seed in range(4):
         for each in (compiled, other):
             each.reset()

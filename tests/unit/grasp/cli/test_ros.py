@@ -97,13 +97,13 @@ def child(monkeypatch: pytest.MonkeyPatch) -> Mock:
 
 def test_a_stop_reaches_a_lift_whose_process_does_not_exist_yet(child: Mock) -> None:
     slot = Slot()
-    slot.expect()
+    slot.stopping = False
     assert not slot.stop()  # it was accepted, and has not begun
     with slot.taken() as free:
-        assert free and slot.busy
+        assert free and slot.busy.locked()
         slot.start(["run", "lift"], lift=True)
         assert child.stop.call_count == 1
-    slot.expect()
+    slot.stopping = False
     child.reset_mock()
     with slot.taken():
         slot.start(["run", "lift"], lift=True)
@@ -117,9 +117,9 @@ def test_one_command_runs_at_a_time_and_an_exception_ends_it(child: Mock) -> Non
         slot.start(["release"])
         with slot.taken() as free:
             assert not free
-        assert slot.busy and child.stop.call_count == 0
+        assert slot.busy.locked() and child.stop.call_count == 0
         raise OSError("pipe")
-    assert not slot.busy and child.stop.call_count == 1
+    assert not slot.busy.locked() and child.stop.call_count == 1
     with slot.taken() as free:
         assert free
 

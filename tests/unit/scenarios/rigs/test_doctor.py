@@ -135,10 +135,6 @@ def test_fingertips_with_frozen_or_lost_frames_fail_the_check(
     assert reported in detail
 
 
-def test_a_simulated_cell_is_opened_and_a_network_is_named_with_what_computes_it() -> None:
-    def load(rig: str, detector: str | None) -> Any:
-        return load_config("can", rig, detector)
-
-    assert doctor._simulation(load) == ("ok", "a simulated cell opens")
-    assert doctor._detector(load, "tcn")[1].startswith("loads (compiled); ")
-    assert doctor._detector(load, "energy")[1].startswith("loads; ")
+def test_a_simulated_cell_is_opened() -> None:
+    found = doctor._simulation(lambda rig, name: load_config("can", rig, name))
+    assert found == ("ok", "a simulated cell opens")

@@ -141,9 +141,9 @@ def test_workers_that_came_back_finish_the_work(waits: Waits, dask: MagicMock) -
 @pytest.mark.parametrize("theirs", ["Python 3.12, numba 0.1", ImportError("no module 'scenarios'")])
 def test_a_cluster_with_other_versions_gets_no_task(theirs: object, dask: MagicMock) -> None:
     dask.run = lambda function, on_error: {"one": function(), "two": theirs}
-    with pytest.raises(UsageError, match="the worker two has other versions") as caught:
+    with pytest.raises(UsageError, match=r"other versions than this process: \{'two'") as caught:
         on_cluster()
-    assert str(theirs) in caught.value.message and "Python 3." in caught.value.remedy
+    assert repr(theirs)[:20] in caught.value.message and "Python 3." in caught.value.remedy
     assert not dask.get_executor.called
 
 
