@@ -14,9 +14,7 @@ class _Cache(FunctionCache):
             return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # a pickle that was cut short raises many kinds
             self.flush()  # type: ignore[no-untyped-call]
-            sys.stderr.write(
-                f"grasp: {self._py_func.__name__} is compiled again: its file was damaged\n"
-            )
+            sys.stderr.write(f"grasp: {self._py_func.__name__}: damaged file, compiled again\n")
             return None
 
 

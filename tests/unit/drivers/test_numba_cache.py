@@ -53,7 +53,6 @@ def test_a_function_whose_file_was_damaged_is_compiled_again_and_named(
         file.write_bytes(damaged(file.read_bytes()))
     assert hits(program(tmp_path)) == [0, 0]
     assert capsys.readouterr().err.splitlines() == [
-        f"grasp: {name} is compiled again: its file was damaged"
-        for name in ("twice", "three_times")
+        f"grasp: {name}: damaged file, compiled again" for name in ("twice", "three_times")
     ]
     assert hits(program(tmp_path)) == [1, 1] and capsys.readouterr().err == ""
