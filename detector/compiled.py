@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from detector.onnx_file import Graph, read_graph
+from drivers.numba_cache import compiled
 
 Float32s = NDArray[np.float32]
 Places = NDArray[np.int64]
@@ -45,12 +46,8 @@ def _tanh(x):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return x * p / q
 
 
-# An explicit signature is compiled, or read from the cache, when this module is imported. Without
-# numpy's error model, a check of every divisor would prevent vector instructions.
-@njit(
-    "void(uintp[:, ::1], float32[::1])", cache=True, error_model="numpy",
-    fastmath={"contract", "reassoc"},
-)  # fmt: skip
+# Without numpy's error model, a check of every divisor would prevent vector instructions.
+@compiled(error_model="numpy", fastmath={"contract", "reassoc"})
 def execute(program, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201, PLR0912
     """Execute a program on the memory ``m``. A line of the program is an instruction: operator,
     number and length of its rows, inner length of a product; then the place of the result and of
@@ -122,10 +119,13 @@ class CompiledNetwork:
     """A network for a number of fingers. ``run`` computes ``probability`` from ``inputs``, and
     makes the next state and the previous counts of it the inputs."""
 
+    name = "compiled"
+
     def __init__(self, content: bytes, inputs: Mapping[str, tuple[int, ...]], fingers: int) -> None:
         """Raises an exception for a file with other operators."""
         made = _translated(content, tuple(inputs.items()), fingers)
         self._program, self._memory = made.program, made.memory.copy()
+        execute(self._program[:0], self._memory)  # compiles it, or raises
         self.inputs = {name: self._view(made.tensors[name]) for name in inputs}
         self.probability = self._view(made.tensors["probability"])
 

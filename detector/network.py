@@ -39,6 +39,7 @@ class Engine(Protocol):
     """Computes ``probability`` from ``inputs``; then the next state and the previous counts are in
     ``inputs``."""
 
+    name: str  # in results
     inputs: dict[str, Float32s]
     probability: Float32s
 
@@ -47,6 +48,8 @@ class Engine(Protocol):
 
 class RuntimeNetwork:
     """A network in ONNX Runtime: one thread, all fingertips in one call, no allocation."""
+
+    name = "onnxruntime"
 
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
         shapes = {name: (fingers, *shape) for name, shape in loaded.inputs.items()}

@@ -15,14 +15,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.text_table import TextTable, as_bad_file, read_table, require_file
+from detector.text_table import MOST_BYTES, TextTable, as_bad_file, read_table, require_file
 from drivers.errors import BadFile
 from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 
 GAP_PERIODS = 1.5  # a longer time between two samples means that samples were missed
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
-MOST_BYTES = 200_000_000  # of the arrays of a file: hours
 SUFFIX = ".npz"
 INDEX = "dataset.json"  # of a data set
 SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition

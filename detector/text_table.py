@@ -2,6 +2,7 @@
 
 import csv
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ import msgspec
 from drivers.errors import BadFile
 
 DELIMITERS = "\t;,"  # in this order: a comma may be within the cells of the others
+MOST_BYTES = 200_000_000  # of a file: hours; as text it needs up to 13 times its size in memory
+MOST_SHARED = 6  # characters of a cell that shares its memory with equal ones: a count
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
@@ -53,12 +56,19 @@ def require_file(path: Path) -> None:
 def read_table(path: Path) -> TextTable:
     """Read a table. Raises BadFile for another kind of file, and a comma as the decimal sign."""
     require_file(path)
-    with as_bad_file(path, "give a CSV file in UTF-8"):
-        text = path.read_text(encoding="utf-8-sig")
-        first = re.sub('"[^"]*"', "", next((li for li in text.splitlines() if li.strip()), ""))
+    if path.exists() and (size := path.stat().st_size) > MOST_BYTES:
+        problem = f"is too large: {size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} are allowed"
+        raise BadFile(path, problem, "cut it into several files")
+    with as_bad_file(path, "give a CSV file in UTF-8"), path.open(encoding="utf-8-sig") as file:
+        first = re.sub('"[^"]*"', "", next(filter(str.strip, file), ""))
+        file.seek(0)
         delimiter = next((d for d in DELIMITERS if d in first), ",")
-        reader = csv.reader(text.splitlines(), delimiter=delimiter, strict=True)
-        numbered = [([cell.strip() for cell in row], reader.line_num) for row in reader]
+        reader = csv.reader(file, delimiter=delimiter, strict=True)
+        cells = (
+            [sys.intern(c) if len(c) <= MOST_SHARED else c for c in map(str.strip, row)]
+            for row in reader
+        )
+        numbered = [(row, reader.line_num) for row in cells]
     numbered = [(row, line) for row, line in numbered if any(row)]
     for row, line in numbered:
         if comma := next((cell for cell in row if DECIMAL_COMMA.fullmatch(cell)), None):

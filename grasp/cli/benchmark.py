@@ -30,7 +30,7 @@ HEADINGS = (
 def benchmark(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, cost, results_of_others
+    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, costs_of, results_of_others
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -41,8 +41,8 @@ def benchmark(args: argparse.Namespace) -> int:
     protocol = load_protocol()
     check_digest(protocol, args.split)
     real = _real(args.recording or ())
-    configs = _configs(names, [*layout, *(args.config or ())], args.set, real)
-    costs = {config.detector_label: cost(config) for config in configs}
+    configs = _configs(names, [*layout, *(args.config or ())], args.set)
+    costs = costs_of(configs, real, pool)
     make_private_folder(args.out)
     made: list[Any] = []
     out = args.out / FILE
@@ -112,12 +112,8 @@ def _real(paths: Sequence[Path]) -> dict[str, list[Recording]]:
     return found
 
 
-def _configs(
-    names: Sequence[str], files: Sequence[Path], assignments: Sequence[str],
-    real: dict[str, list[Recording]],
-) -> list[Any]:  # fmt: skip
-    """Settings of each detector. Raises UsageError for one that cannot read a real recording, and
-    as ``check_named``."""
+def _configs(names: Sequence[str], files: Sequence[Path], assignments: Sequence[str]) -> list[Any]:
+    """Settings of each detector. Raises as ``check_named``."""
     from scenarios.campaign.config import load_config
     from scenarios.trial.layers import trial_layers
 
@@ -127,12 +123,6 @@ def _configs(
         given = ("can", "simulated", name, files, assignments)
         config = load_config(*given).for_lift()
         warn_of_untuned_rule(config, trial_layers(*given))
-        config.make_detector(1)  # the paper's recordings are of one finger
-        for clip, each in ((clip, each) for clip, parts in real.items() for each in parts):
-            try:
-                config.make_detector(each.fingers, each.taxels)
-            except UsageError as error:
-                raise UsageError(f"{clip}: {error.message}", error.remedy) from None
         configs.append(config)
     return configs
 

@@ -16,6 +16,7 @@ def doctor(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.doctor import examine
     from scenarios.trial.execution import make_guard
+    from scenarios.world import COMPILING, is_compiled
 
     def load(rig: str, detector: str | None) -> Any:
         if detector is None:  # settings of the run in the options
@@ -26,6 +27,8 @@ def doctor(args: argparse.Namespace) -> int:
         make_guard(config)
         config.make_detector(3)
 
+    if not is_compiled():
+        exits.print_detail(COMPILING)
     detectors = (args.detector,) if args.detector else ()
     checks = examine(args.rig, args.config, load, check_run, detectors, args.runs)
     failed = [check for check in checks if check.status == "fail"]

@@ -19,6 +19,7 @@ from drivers.errors import ConfigError, UsageError
 from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
 from grasp.cli.commands import OPERATOR_ACTIONS
+from grasp.cli.options import check_writable
 from grasp.cli.output import print_status
 from grasp.files import write_whole
 from grasp.settings import config_dir, read_toml
@@ -35,11 +36,14 @@ PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")
 STDIN = 0
 POLL_S = 0.05
+SETTINGS_BEGIN = "# Emulated devices, with timeouts for a busy machine. Not for real devices."
 PRESS_S = 1.0  # of a pad
 
 
 def emulate(args: argparse.Namespace) -> int:
     check_address(args.host, args.beyond_loopback, args.gripper_port)
+    if args.write is not None:
+        check_writable(args.write, SETTINGS_BEGIN)
     there = CellOptions(
         host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
         token=secrets.token_hex(16) if args.beyond_loopback else "",
@@ -70,7 +74,7 @@ def lab_settings(endpoints: dict[str, Any]) -> str:
     sections["usb"] = {"url": endpoints["tactile"]["url"]}
     sections["ur"]["host"] = endpoints["arm"]["host"]
     sections["calibration"] = {"pressed_bytes": [0], "presses": 10}
-    lines = ["# Emulated devices, with timeouts for a busy machine. Not for real devices."]
+    lines = [SETTINGS_BEGIN]
     for name, section in sections.items():
         lines += [f"[{name}]", *(f"{key} = {toml(value)}" for key, value in section.items())]
     return "\n".join(lines) + "\n"

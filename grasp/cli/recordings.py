@@ -229,7 +229,7 @@ def _draw(run: Path, out: Path | None, to: str) -> Path:
     if out.suffix not in endings:
         raise UsageError(f"--out {out}: not an image file name",
                          f"use a name that ends in {', '.join(endings)}")  # fmt: skip
-    check_writable(out)
+    check_new(out)
     (draw_run if to == "svg" else animate_run)(run, out)
     return out
 

@@ -1,13 +1,21 @@
 """The lifts that a ROS 2 node may start, and their command lines."""
 
 import argparse
+import math
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.errors import ConfigError, UsageError
+from drivers.interfaces import FINGER_NAMES
+from grasp.cli.child import Child
 from grasp.cli.detector import check_weights
 from grasp.cli.lab import motion_permit
-from grasp.settings import names
+from grasp.settings import is_path, names
 from scenarios.campaign.config import load_config
+from scenarios.rigs.calibration import config_files
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.execution import make_guard
 
@@ -17,6 +25,67 @@ class Goal(NamedTuple):
 
     object: str = ""
     profile: str = ""
+
+
+class Outcome(NamedTuple):
+    """Result of a lift for its client; NaN: unknown."""
+
+    success: bool
+    verdict: str
+    message: str
+    slip_distance_m: float
+    peak_force_n: tuple[float, ...]  # A, B, C
+
+    @classmethod
+    def of(cls, printed: dict[str, Any]) -> "Outcome":
+        """Of what `grasp run lift --json` printed."""
+        error = printed.get("error") or {}
+        result = (printed.get("result") or {}) if error else printed
+        forces = result.get("peak_force_n") or result.get("peak_estimated_n") or {}
+        slipped_m = result.get("slip_distance_m")
+        return cls(
+            result.get("success") is True,
+            str(result.get("outcome") or error.get("kind")),
+            " ".join(filter(None, (error.get("message"), error.get("remedy")))),
+            math.nan if slipped_m is None else slipped_m,
+            tuple(float(forces.get(name, math.nan)) for name in FINGER_NAMES),
+        )
+
+
+class Slot:
+    """The one command that a node runs at a time. A stop reaches one that is starting, too."""
+
+    def __init__(self) -> None:
+        self.busy = threading.Lock()
+        self.stopping = False  # since a lift was accepted
+        self._child: Child | None = None
+
+    @contextmanager
+    def taken(self) -> Iterator[bool]:
+        """Hold the slot; False if it is taken. Stops what an exception left running."""
+        free = self.busy.acquire(blocking=False)
+        try:
+            yield free
+        finally:
+            if free:
+                if self._child is not None:
+                    self._child.stop()
+                self._child = None
+                self.busy.release()
+
+    def start(self, words: Sequence[str], lift: bool = False) -> Child:
+        """Start a command; a lift that was told to stop before its process existed stops now."""
+        self._child = child = Child(words, feeds=lift)
+        if lift and self.stopping:
+            child.stop()
+        return child
+
+    def stop(self) -> bool:
+        """Stop what runs or starts; returns whether anything runs."""
+        self.stopping = True
+        if (child := self._child) is not None:
+            child.stop()
+        return self.busy.locked()
 
 
 class Lifts:
@@ -71,6 +140,9 @@ class Lifts:
 
     def _load(self, goal: Goal) -> Any:
         args = self._args
+        for file in (*config_files(args.config), *map(Path, filter(is_path, [args.rig]))):
+            if file.exists() and not file.is_file():  # reading a pipe may never end
+                raise ConfigError(str(file), "-", "is no regular file", "one that stays readable")
         return load_config(
             goal.object or str(args.object), args.rig, args.detector, args.config, args.set,
             goal.profile or args.profile,

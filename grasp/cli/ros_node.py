@@ -7,27 +7,26 @@ that never blocks it; a subscriber cannot delay it. Needs `rclpy`.
 import math
 import os
 import shlex
-import threading
 import time
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import rclpy
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from drivers.interfaces import FINGER_NAMES
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.child import Child
-from grasp.cli.ros_lifts import Goal, Lifts
+from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
 from grasp.fault import INTERRUPTED, TRIAL, Fault
 from grasp.settings import config_dir
 from scenarios.report.ros_topics import (
@@ -55,36 +54,14 @@ THREADS = 4  # a lift or release, a cancel or stop, the diagnostics, one more
 RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
+RUNNING = "a lift or a release is running"
+REFUSED = Outcome.of({"error": {"kind": "refused", "message": RUNNING}})
+SERVICES = QoSProfile(depth=100)  # requests that wait, of many clients at once
 QOS = {
     SENSOR: qos_profile_sensor_data,
     LATCHED: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     RELIABLE: QoSProfile(depth=10),
 }
-
-
-class Outcome(NamedTuple):
-    """Result of a lift for its client; NaN: unknown."""
-
-    success: bool
-    verdict: str
-    message: str
-    slip_distance_m: float
-    peak_force_n: tuple[float, ...]  # A, B, C
-
-    @classmethod
-    def of(cls, printed: dict[str, Any]) -> "Outcome":
-        """Of what `grasp run lift --json` printed."""
-        error = printed.get("error") or {}
-        result = (printed.get("result") or {}) if error else printed
-        forces = result.get("peak_force_n") or result.get("peak_estimated_n") or {}
-        slipped_m = result.get("slip_distance_m")
-        return cls(
-            result.get("success") is True,
-            str(result.get("outcome") or error.get("kind")),
-            " ".join(filter(None, (error.get("message"), error.get("remedy")))),
-            math.nan if slipped_m is None else slipped_m,
-            tuple(float(forces.get(name, math.nan)) for name in FINGER_NAMES),
-        )
 
 
 class OwnAction:
@@ -158,16 +135,19 @@ class GraspNode:
         }
         group = ReentrantCallbackGroup()  # a stop must not wait for a lift
         for name, act in (("stop", self._stop), ("release", self._release)):
-            node.create_service(Trigger, f"~/{name}", _trigger(act), callback_group=group)
+            node.create_service(
+                Trigger, f"~/{name}", _trigger(act), qos_profile=SERVICES, callback_group=group
+            )
         self._action = action_type()
         self._server = ActionServer(
             node, self._action.kind, "~/lift", self._lift, callback_group=group,
             goal_callback=self._accept, cancel_callback=self._cancel, result_timeout=RESULT_S,
+            goal_service_qos_profile=SERVICES, result_service_qos_profile=SERVICES,
+            cancel_service_qos_profile=SERVICES,
         )  # fmt: skip
-        node.create_timer(1.0, self._beat)
-        self._busy = threading.Lock()  # held during a lift or a release
-        self._child: Child | None = None
-        self._stopping = False
+        # the node's own clock stands still when a stranger sets use_sim_time
+        node.create_timer(1.0, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._slot = Slot()
         self._state, self._last = IDLE, "none"
         self._problems: dict[str, tuple[int, Fault]] = {}
         self._warned = False
@@ -178,7 +158,7 @@ class GraspNode:
         executor = MultiThreadedExecutor(THREADS)
         executor.add_node(self._node)
         try:
-            while not signals.received() or self._busy.locked():
+            while not signals.received() or self._slot.busy.locked():
                 if signals.received():
                     self._stop()
                 executor.spin_once(SPIN_S)
@@ -195,12 +175,12 @@ class GraspNode:
     def _accept(self, request: Any) -> Any:
         goal = self._action.goal(request)
         problem = self._lifts.problem(goal)
-        if not problem and (signals.received() or not self._busy.acquire(blocking=False)):
-            problem = "a lift or a release is running"
+        if not problem and (signals.received() or self._slot.busy.locked()):
+            problem = RUNNING
         if problem:
             self._log.warning(f"lift refused: {problem}")
             return GoalResponse.REJECT
-        self._stopping = False
+        self._slot.stopping = False
         return GoalResponse.ACCEPT
 
     def _cancel(self, handle: Any) -> Any:
@@ -208,30 +188,29 @@ class GraspNode:
         return CancelResponse.ACCEPT
 
     def _lift(self, handle: Any) -> Any:
-        """Run a lift to its end; holds ``_busy``, which ``_accept`` took."""
-        try:
-            self._publish_state(STARTING)
-            self._child = child = Child(self._lifts.words(self._action.goal(handle.request)), True)
-            if self._stopping:  # requested before the process existed
-                child.stop()
-            messages = self._follow(child, handle)
-            printed = child.result()
-            outcome = Outcome.of(printed)
-            self._last = outcome.verdict
-            self._problems = _problems(messages, printed.get("error"))
-            if handle.is_cancel_requested:
-                handle.canceled()
-            elif outcome.success:
-                handle.succeed()
-            else:
+        """Run a lift to its end. Only here is anything taken: an accepted goal may never start."""
+        with self._slot.taken() as free:
+            if not free or signals.received():  # accepted at the same time as another one
                 handle.abort()
-            self._log.info(f"lift: {outcome.verdict} {outcome.message}".rstrip())
-            return self._action.result(outcome)
-        finally:
-            self._stop()  # only an exception leaves it running
-            self._child = None
-            self._publish_state(IDLE)
-            self._busy.release()
+                return self._action.result(REFUSED)
+            try:
+                self._publish_state(STARTING)
+                child = self._slot.start(self._lifts.words(self._action.goal(handle.request)), True)
+                messages = self._follow(child, handle)
+                printed = child.result()
+                outcome = Outcome.of(printed)
+                self._last = outcome.verdict
+                self._problems = _problems(messages, printed.get("error"))
+                if handle.is_cancel_requested:
+                    handle.canceled()
+                elif outcome.success:
+                    handle.succeed()
+                else:
+                    handle.abort()
+                self._log.info(f"lift: {outcome.verdict} {outcome.message}".rstrip())
+                return self._action.result(outcome)
+            finally:
+                self._publish_state(IDLE)
 
     def _follow(self, child: Child, handle: Any) -> RosMessages | None:
         """Publish what the lift feeds, until it ends."""
@@ -251,25 +230,19 @@ class GraspNode:
     # Services
 
     def _stop(self) -> tuple[bool, str]:
-        self._stopping = True
-        if not self._busy.locked():
-            return True, "nothing is running"
-        if (child := self._child) is not None:  # else it is stopped when its process exists
-            child.stop()
-        return True, "stopping: the arm stops, the hand keeps its grip"
+        if self._slot.stop():
+            return True, "stopping: the arm stops, the hand keeps its grip"
+        return True, "nothing is running"
 
     def _release(self) -> tuple[bool, str]:
-        if not self._busy.acquire(blocking=False):
-            return False, "refused: a lift or a release is running"
-        try:
+        with self._slot.taken() as free:
+            if not free:
+                return False, f"refused: {RUNNING}"
             permit = self._lifts.permit
             if permit is None:
                 return False, f"the rig {self._lifts.rig} ends with each lift: no hand is closed"
-            self._child = child = Child([*shlex.split(permit.release)[1:], "--json"])
-            printed = child.result()
-        finally:
-            self._child = None
-            self._busy.release()
+            words = [*shlex.split(permit.release)[1:], "--json"]
+            printed = self._slot.start(words).result()
         error = printed.get("error")
         if error:
             return False, f"{error['message']} ({error['remedy']})"

@@ -12,7 +12,7 @@ from detector.network_file import SUFFIX
 from detector.recordings import SUFFIX as RECORDING
 from detector.recordings import write
 from detector.scores.evaluation import WARM_UP_SAMPLES
-from drivers.errors import UsageError
+from drivers.errors import UsageError, one_line
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.detector import warn
@@ -103,7 +103,8 @@ def dataset_import(args: argparse.Namespace) -> int:
                  "changes": changes, "sha256": kept.files, "warnings": warnings}  # fmt: skip
         hashes = [f"SHA-256 of {name}: {digest}" for name, digest in kept.files.items()]
         text = f"{out}: {len(recording.t_s)} samples, fingers: {recording.fingers}"
-        show(args, value, "\n  ".join([text, *changes, *hashes]))
+        lines = [one_line(line, exits.MAX_CHARACTERS) for line in (text, *changes, *hashes)]
+        show(args, value, "\n  ".join(lines))
     return exits.SUCCESS
 
 

@@ -143,8 +143,9 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
     with suppress(OutputClosedError):  # the final state of arm and hand is reported in any case
         if not args.json:
             print(verdict(result))
-            print(f"  detector {config.detector_label}, profile {args.profile}, slip response "
-                  f"{config.controller.slip_response}")  # fmt: skip
+            engine = f" ({result.engine})" if result.engine else ""
+            print(f"  detector {config.detector_label}{engine}, profile {args.profile}, slip "
+                  f"response {config.controller.slip_response}")  # fmt: skip
             _print_height(result, config)
             if args.first and failure is None and result.success:
                 print("  next: `grasp arm back` to the start, then the same without --first, at "

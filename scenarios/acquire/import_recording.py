@@ -29,7 +29,7 @@ from grasp.settings import suggestion
 
 TIME_NAMES = ("t_s", "t", "time", "timestamp", "stamp")  # of a time column that is not named
 LABEL_NAMES = (LABEL, "label")
-RANGE = re.compile(r"(\d+)-(\d+)")
+NUMBER, RANGE = re.compile(r"[0-9]{1,6}"), re.compile(r"([0-9]{1,6})-([0-9]{1,6})")
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Table(msgspec.Struct, frozen=True, eq=False):
     def find(self, name: str) -> str:
         """The name of a column given by name or number. Raises BadFile with near names."""
         names = list(self.columns)
-        if name not in names and name.isdigit() and 1 <= int(name) <= len(names):
+        if name not in names and NUMBER.fullmatch(name) and 1 <= int(name) <= len(names):
             return names[int(name) - 1]
         if name not in names:
             shown = ", ".join(names)

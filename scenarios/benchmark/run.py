@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -191,7 +192,7 @@ class Benchmark(msgspec.Struct, frozen=True):
             msgspec.structs.replace(task, oracle_s=delay_s)
             for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
         ]  # fmt: skip
-        rows = self._run(tasks, "oracle, lifts")
+        rows = self._run(tasks, "oracle")
         none = np.empty((0, FINGERS))
         taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
         return [
@@ -211,14 +212,15 @@ class Benchmark(msgspec.Struct, frozen=True):
                 msgspec.structs.replace(config, rule=rule), self.split, 0 if i else checked
             )
         ]
-        found = self._run(tasks, f"{config.detector_label}, lifts")
+        found = self._run(tasks, config.detector_label)
         n = self.protocol.lifts.number
         return [[row for _, row in found[i * n : (i + 1) * n]] for i in range(len(rules))]
 
-    def _run(self, tasks: Sequence[LiftTask], title: str) -> list[tuple[LiftTask, LiftRow]]:
-        shown, found = self._shown(title), {}
+    def _run(self, tasks: Sequence[LiftTask], name: str) -> list[tuple[LiftTask, LiftRow]]:
+        shown, found = self._shown(f"{name}, lifts"), {}
         shown(0, len(tasks))
-        numbered = results(_numbered, list(enumerate(tasks)), self.workers)
+        quiet = partial(streams.give_up, name)
+        numbered = results(_numbered, list(enumerate(tasks)), self.workers, quiet)
         for done, (key, row) in enumerate(numbered, 1):
             found[key] = row
             shown(done, len(tasks))
@@ -237,6 +239,27 @@ class Benchmark(msgspec.Struct, frozen=True):
 
     def _shown(self, title: str) -> Callable[[int, int], None]:
         return lambda done, of: self.progress(title, done, of)
+
+
+def costs_of(
+    configs: Sequence[LiftConfig], real: dict[str, list[Recording]], workers: Workers
+) -> dict[str, Cost]:
+    """``cost`` by detector. Raises UsageError, also for one that cannot read a recording."""
+    one, found = Workers(min(1, workers.processes)), {}
+    for config in configs:
+        quiet = partial(streams.give_up, config.detector_label)
+        (found[config.detector_label],) = results(partial(_first_use, config), [real], one, quiet)
+    return found
+
+
+def _first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
+    config.make_detector(1)  # the paper's recordings are of one finger
+    for name, each in ((name, each) for name, parts in real.items() for each in parts):
+        try:
+            config.make_detector(each.fingers, each.taxels)
+        except UsageError as error:
+            raise UsageError(f"{name}: {error.message}", error.remedy) from None
+    return cost(config)
 
 
 def _numbered(task: tuple[int, LiftTask]) -> tuple[int, LiftRow]:

@@ -30,6 +30,7 @@ from detector.scores.events import MERGE_GAP_S, true_events
 from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_delays, impacts_of
 from detector.scores.metrics import Confusion, Ranking, auc, confusion
 from detector.scores.quantiles import quantile
+from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
 from scenarios.acquire.datasets.build import build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
@@ -55,6 +56,7 @@ SPEEDS_MPS = {
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
 EARLY, LATE = 30, 10  # samples around true sliding in which an event is no false alarm
 RESAMPLES = 300
+NO_RESULT_S = 300.0  # of all workers; the longest recording or lift takes a tenth of it
 
 
 class Alarms(msgspec.Struct, frozen=True):
@@ -131,6 +133,13 @@ def _probabilities(task: _Task) -> tuple[str, Floats]:
     return task.path, stream(made, counts)[0]
 
 
+def give_up(detector: str, silent_s: float) -> None:
+    """Raise UsageError if its workers have given no result for NO_RESULT_S."""
+    if silent_s >= NO_RESULT_S:
+        problem = f"{detector}: no result for {NO_RESULT_S / 60:g} minutes, so it was ended"
+        raise UsageError(problem, "its `update` must return within the sample period")
+
+
 def stream_files(
     config: TrialConfig, files: dict[str, list[Path]], workers: Workers,
     progress: Callable[[int, int], None],
@@ -139,7 +148,8 @@ def stream_files(
     tasks = [_Task(config, str(path)) for paths in files.values() for path in paths]
     found: dict[str, Floats] = {}
     progress(0, len(tasks))
-    for done, (path, p) in enumerate(results(_probabilities, tasks, workers), 1):
+    quiet = partial(give_up, config.detector_label)
+    for done, (path, p) in enumerate(results(_probabilities, tasks, workers, quiet), 1):
         found[path] = p
         progress(done, len(tasks))
     none = np.empty(0)

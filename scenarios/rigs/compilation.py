@@ -29,7 +29,7 @@ class _Count(event.Listener):
     def on_start(self, _: Any) -> None:
         if self._all:
             return
-        found = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+        found = [each for each in gc.get_objects() if issubclass(type(each), Dispatcher)]
         # functions that are always inlined are compiled as a part of others
         names = {_name(each) for each in found if each.targetoptions.get("inline") != "always"}
         self._all = {name for name in names if name.startswith(PACKAGES)}

@@ -18,6 +18,7 @@ from grasp.realtime import PRIORITY
 from grasp.settings import config_dir
 from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
 from scenarios.rigs.emulated import at_endpoints, cell_process
+from scenarios.rigs.opening import open_rig
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
@@ -38,6 +39,7 @@ def examine(
     checks = [checked("configuration", lambda: _configuration(rig, files, load))]
     readable = checks[0].status == "ok"
     checks += _detectors(load, detectors) if readable else [Check("detectors", "warn", NOT_YET)]
+    checks += [checked("simulation", partial(_simulation, load))] if readable else []
     checks.append(checked("usb", _usb))
     checks += _devices(rig, load, would_run) if readable else [Check("devices", "warn", NOT_YET)]
     checks.append(checked("loop jitter", _jitter))
@@ -67,6 +69,11 @@ def _detector(load: Load, name: str) -> Finding:
         detector.update(frame)
     spent_us = (time.perf_counter_ns() - start) / len(frames) * 1e-3
     return "ok", f"loads; {spent_us:.0f} us per update"
+
+
+def _simulation(load: Load) -> Finding:
+    with open_rig(load("simulated", None), 0, paced=False):  # loads its compiled functions
+        return "ok", "a simulated cell opens"
 
 
 def _usb() -> Finding:

@@ -153,6 +153,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     real_time: bool | None  # whether a real-time priority was granted; None in virtual time
     bug: Bug | None  # the unexpected exception that ended it
     way_out: str  # how to open a hand that was left closed; empty where its cell has ended
+    engine: str | None = None  # what computed the network
     mark: TapeMark | None = None  # the operator's reading at the top of a lift
 
     @property
@@ -243,6 +244,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "object": config.object.name,
             "rig": config.rig,
             "detector": config.detector_label,
+            "engine": self.engine,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_estimated_n": named(self.trace.peak_estimated_n),
@@ -281,7 +283,7 @@ def run_trial(
     home from an earlier trial on this rig (``controller.home``). ``detector`` replaces the selected
     one.
     """
-    controller = make_controller(config, home)
+    controller, detector = make_controller(config, home), detector or config.make_detector(FINGERS)
     trace, read_truth = Trace(), rig.read_truth
 
     def look() -> Truth | None:
@@ -321,6 +323,7 @@ def run_trial(
     return FinishedTrial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
         bugs[0] if bugs else None, rig.release_hint,
+        engine=getattr(getattr(detector, "engine", None), "name", None),
     )  # fmt: skip
 
 

@@ -111,6 +111,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     config_hash: str
     detector_hash: str  # of weights or formula, and rule
+    engine: str | None = None  # `compiled` or `onnxruntime`; None for a detector without a network
     end: FinalState | None = None  # after a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
     reported: tuple[Fault, ...] = ()  # would have ended it with `monitors.mode` = stop

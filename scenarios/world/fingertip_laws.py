@@ -28,6 +28,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from drivers.numba_cache import compiled
+
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Codes = NDArray[np.int16]
@@ -97,7 +99,7 @@ inner = njit(  # type: ignore[call-overload]
 )
 
 
-@njit(cache=True)
+@compiled()
 def advance(
     p: Floats, dt_s: float, arm_moves: bool, row: int, normals: Floats, jitter_normals: Floats,
     normal_n: Floats, motion: Floats, turn: Floats, centre: Floats, mounts: Floats,

@@ -29,6 +29,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from drivers.numba_cache import compiled
 from scenarios.world.settings import GRAVITY_MPS2
 
 FINGERS = 3
@@ -78,7 +79,7 @@ inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # type: ignore[cal
 inlined = njit(inline="always")
 
 
-@njit(cache=True)
+@compiled()
 def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
     """Half width (m) of the object at a flat pad after sliding by ``slip``, and its slope dw/du.
 
@@ -118,7 +119,7 @@ def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, o
         out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
 
 
-@njit(cache=True)
+@compiled()
 def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 
@@ -146,7 +147,7 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
         out[i] = max(0.0, k[i] * (out[i] - lateral))
 
 
-@njit(cache=True)
+@compiled()
 def inertial_normal_forces(
     p: Floats, s: Floats, h: float, width: float, travel: Floats, push: float, out: Floats
 ) -> None:
@@ -195,7 +196,7 @@ def inertial_normal_forces(
         s[COMPRESSION + i] = s[COMPRESSION + i] * tau / (h + tau) + beyond
 
 
-@njit(cache=True)
+@compiled()
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m; 0 while a
     finger touches it."""
@@ -208,7 +209,7 @@ def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     return gap
 
 
-@njit(cache=True)
+@compiled()
 def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> None:
     """dN_i/dtravel_i (3,), N/m, into ``out``, the other fingers at rest and the object free along
     x; ``inertia`` is m / h^2, N/m."""
@@ -232,7 +233,7 @@ def _residual_vertical(
     return r
 
 
-@njit(cache=True)
+@compiled()
 def solve_vertical(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
     """Root of the residual: with all pads sticking if that is consistent, else bracketed between
     its six break points, where it is linear."""
@@ -415,7 +416,7 @@ def _step_vertical(
         cap[i] = mu * n[i] * cos
         touching = 1.0 if n[i] > 0.0 else 0.0
         a[i] = touching * p[P_K_SHEAR] * e[i, E_STRETCH_Z] * cos + b * v_hand
-    v = solve_vertical(p[P_MASS] / h, push, a, b, cap)
+    v: float = solve_vertical(p[P_MASS] / h, push, a, b, cap)
     if s[HEIGHT] + h * v < 0.0:
         v = -s[HEIGHT] / h  # the table
     damper = p[P_C_SHEAR] / h
@@ -553,7 +554,7 @@ def _move_planar(
     s[SPIN] = v[2] if touching > 0 and holding < 2 else 0.0
 
 
-@njit(cache=True)
+@compiled()
 def step(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, impact: Floats,
     n: Floats, work: Floats, small: Floats,
@@ -613,7 +614,7 @@ def _external_forces(s: Floats, t_s: float, h: float, out: Floats) -> None:
     out[1] -= pull_force(s, t_s + 0.5 * h)
 
 
-@njit(cache=True)
+@compiled()
 def advance(
     p: Floats, s: Floats, e: Floats, t_s: float, dt_s: float, step_s: float,
     finger_rise_m: float, v0: float, v1: float, travel0: Floats, travel1: Floats,
@@ -650,7 +651,7 @@ def advance(
     normal_stiffness(p, n, s[HAS_INERTIA] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 
 
-@njit(cache=True)
+@compiled()
 def surface_motion(
     p: Floats, s: Floats, angle: float, up: Floats, across: Floats, places: Floats, turns: Floats,
     motion_mm: Floats, turn: Floats, centre_mm: Floats,

@@ -24,9 +24,10 @@ ROOT = Path(__file__).parents[2]
 
 
 class Cluster(NamedTuple):
-    """A scheduler."""
+    """A scheduler and its file."""
 
     address: str
+    file: tuple[str, ...]
     process: subprocess.Popen[bytes]
 
 
@@ -43,17 +44,17 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             dask("dask_worker", *file, *alone, "--name", name, at=tmp_path)
             for name in ("one", "two")
         ]
-        yield Cluster(json.loads(book.read_text())["address"], processes[0])
+        yield Cluster(json.loads(book.read_text())["address"], file, processes[0])
     finally:
         for process in reversed(processes):
             process.terminate()
             process.wait(20)
 
 
-def dask(program: str, *arguments: str, at: Path) -> subprocess.Popen[bytes]:
+def dask(program: str, *arguments: str, at: Path, path: Path = ROOT) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", f"distributed.cli.{program}", *arguments], cwd=at,
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(path)}, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
 
@@ -78,3 +79,23 @@ def test_killed_scheduler_loses_no_row(cluster: Cluster, tmp_path: Path) -> None
     assert f"the Dask scheduler at {cluster.address} is gone" in err
     assert 2 <= len(rows(out)) < 100
     assert {row["status"] for row in rows(out)} == {"done"}
+
+
+def test_a_worker_without_the_package_is_named_before_any_trial(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    from distributed import Client
+
+    (tmp_path / "scenarios.py").write_text("raise ImportError('no scenarios here')")
+    one = ("--nworkers", "1", "--no-nanny", "--name", "bare")
+    bare = dask("dask_worker", *cluster.file, *one, at=tmp_path, path=tmp_path)
+    try:
+        with Client(cluster.address, set_as_default=False) as client:
+            until(lambda: len(client.nthreads()) == 3)
+        out = tmp_path / "a.sqlite"
+        file = str(campaign_file(tmp_path, 3))
+        code, _, err = finished(file, "--out", str(out), "--cluster", cluster.address)
+        assert code == 2 and "no scenarios here" in err and not rows(out), err
+    finally:
+        bare.terminate()
+        bare.wait(20)

@@ -122,6 +122,10 @@ class Client:
 
     def send_lift(self, feedback: list[Any] | None = None) -> Any:
         """Send a goal; returns its handle."""
+        return self.result(self.begin_lift(feedback), "goal")
+
+    def begin_lift(self, feedback: list[Any] | None = None) -> Any:
+        """Send a goal; returns the future of its handle."""
         from rclpy.action import ActionClient
         from test_msgs.action import Fibonacci
 
@@ -129,7 +133,7 @@ class Client:
         self._actions.append(client)
         self.until(client.server_is_ready, "the action server")
         take = None if feedback is None else (lambda m: feedback.append(list(m.feedback.sequence)))
-        return self.result(client.send_goal_async(Fibonacci.Goal(), feedback_callback=take), "goal")
+        return client.send_goal_async(Fibonacci.Goal(), feedback_callback=take)
 
     def result(self, future: Any, what: str) -> Any:
         self.until(future.done, what)

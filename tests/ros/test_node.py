@@ -30,6 +30,34 @@ node.create_subscription(DiagnosticArray, "/diagnostics", take, 10)
 node.create_subscription(JointState, "/grasp/joint_states", take, qos_profile_sensor_data)
 rclpy.spin(node)
 """
+# the node, whose answer to the first goal cannot be sent
+LOSES_AN_ANSWER = """
+import sys
+from rclpy.action.server import RCLError, ServerGoalHandle
+from grasp.cli.main import main
+
+class Lost:
+    def __init__(self, server):
+        self._server, self._handle = server, server._handle
+
+    def send_goal_response(self, *_):
+        self._server._handle = self._handle
+        raise RCLError("the client is gone")
+
+    def __getattr__(self, name):
+        return getattr(self._handle, name)
+
+init = ServerGoalHandle.__init__
+
+def first(self, server, *rest):
+    ServerGoalHandle.__init__ = init
+    init(self, server, *rest)
+    server._handle = Lost(server)
+
+ServerGoalHandle.__init__ = first
+sys.exit(main())
+"""
+AT_ONCE = 30  # requests; more than the middleware keeps by default
 
 
 def stamp_ns(message: Any) -> int:
@@ -207,3 +235,51 @@ def test_a_hand_left_closed_on_real_devices_is_opened_by_the_service(
         client.until(lambda: states[-1].data == "idle", "idle")
         released, text = client.trigger("release")
         assert released, text
+
+
+def test_a_goal_whose_answer_is_lost_does_not_occupy_the_node(
+    client: Client, domain: int, tmp_path: Path
+) -> None:
+    words = (sys.executable, "-c", LOSES_AN_ANSWER, "ros", *SETS, "--rig", "simulated")
+    with process(*words, "--pace", "max", cwd=tmp_path, stderr=subprocess.PIPE) as node:
+        client.follow_state()
+        client.begin_lift()
+        assert node.stderr is not None
+        assert any("Failed to send goal response" in line for line in node.stderr)
+        assert client.trigger("stop") == (True, "nothing is running")
+        handle = client.send_lift()
+        assert handle.accepted
+        assert client.result(handle.get_result_async(), "the lift").status == SUCCEEDED
+        node.send_signal(signal.SIGTERM)
+        assert node.wait(PATIENCE_S) == 0
+
+
+def test_diagnostics_go_on_when_somebody_sets_simulated_time(client: Client, start: Start) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    start("--rig", "simulated")
+    diagnostics = client.messages("/diagnostics", DiagnosticArray, 10)
+    client.follow_state()
+    simulated = Parameter("use_sim_time", value=True).to_parameter_msg()
+    request = SetParameters.Request(parameters=[simulated])
+    (answer,) = client.call(SetParameters, "/grasp/set_parameters", request).results
+    assert answer.successful
+    before = len(diagnostics)
+    client.until(lambda: len(diagnostics) > before + 1, "diagnostics")
+
+
+def test_many_requests_at_once_are_all_answered(client: Client, start: Start) -> None:
+    from rclpy.qos import QoSProfile
+    from std_srvs.srv import Trigger
+
+    node = start("--rig", "simulated")
+    client.follow_state()
+    stop = client.node.create_client(Trigger, "/grasp/stop", qos_profile=QoSProfile(depth=AT_ONCE))
+    client.until(stop.service_is_ready, "stop")
+    client.trigger("stop")
+    node.send_signal(signal.SIGSTOP)
+    answers = [stop.call_async(Trigger.Request()) for _ in range(AT_ONCE)]
+    node.send_signal(signal.SIGCONT)
+    client.until(lambda: all(answer.done() for answer in answers), "all answers")

@@ -10,10 +10,10 @@ from math import floor, sqrt
 from typing import Final
 
 import msgspec
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.numba_cache import compiled
 from drivers.robotiq.model.hand import (
     FULL,
     MA_PER_COUNT,
@@ -60,7 +60,7 @@ def _parameters(s: HandSettings) -> Reals:
     return np.array([s.tip_mass_kg, s.override_n, override_steps, debounce_steps, clamped])
 
 
-@numba.njit(cache=True)
+@compiled()
 def _advance_motor(
     real: Reals, whole: Integers, p: Reals, steps: int, i: int,
     origin: float, force: float, stiffness: float,
@@ -111,7 +111,7 @@ def _advance_motor(
     whole[STALLED, i], whole[AGE, i] = stalled, age
 
 
-@numba.njit(cache=True)
+@compiled()
 def advance_motors(
     real: Reals, whole: Integers, p: Reals, steps: int,
     origin: Reals, force: Reals, stiffness: Reals,

@@ -31,6 +31,7 @@ def test_packaged_network_equals_onnx_runtime(name: str, monkeypatch: pytest.Mon
     other = in_onnx_runtime(name, monkeypatch)
     assert isinstance(compiled.engine, CompiledNetwork)
     assert isinstance(other.engine, RuntimeNetwork)
+    assert (compiled.engine.name, other.engine.name) == ("compiled", "onnxruntime")
     for seed in range(4):
         for each in (compiled, other):
             each.reset()

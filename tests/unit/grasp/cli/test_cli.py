@@ -183,6 +183,7 @@ def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verd
         "detection_latency_ms", "peak_force_n", "peak_estimated_n", "force_limit_n", "cap_mode",
         "phases", "timing", "recording", "versions", "config_hash", "detector_hash", "end", "bug",
     } <= set(result)  # fmt: skip
+    assert result["engine"] == "compiled"
     assert result["seed"] == 2 and set(result["peak_force_n"]) == {"A", "B", "C"}
     assert set(result["phases"][0]) == {"phase", "t_s", "cause"}
     assert result["timing"]["decision_to_ack_us"] is None  # there is no wire in virtual time

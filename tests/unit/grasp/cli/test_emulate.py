@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from drivers.addresses import check_host
 from drivers.errors import LinkLost, UsageError
 from grasp.cli import emulate
+from grasp.cli.commands import build_parser
 from grasp.cli.emulate import Console, check_address, lab_settings
 from scenarios.campaign.config import load_config
 
@@ -50,6 +52,24 @@ def test_written_settings_point_the_rig_hardware_at_the_cell(tmp_path: Path) -> 
     assert (config.modbus.host, config.modbus.port, config.ur.host) == (ADDRESS, 5020, ADDRESS)
     assert config.usb.url == f"tcp://{ADDRESS}:5021"
     assert config.modbus.timeout_s == 1.0  # of a busy machine
+
+
+def test_settings_are_written_over_older_ones_and_no_other_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: list[str] = []
+    monkeypatch.setattr(emulate, "serve", lambda *_: served.append(file.read_text()))
+    monkeypatch.setattr(emulate, "Console", Mock())
+    monkeypatch.setattr(emulate, "end_on_signals", Mock())
+    file = tmp_path / "lab.toml"
+    args = build_parser().parse_args(["emulate", "--write", str(file)])
+    file.write_text("[modbus]\nhost = 'mine'\n")
+    with pytest.raises(UsageError, match="exists already"):
+        emulate.emulate(args)
+    settings = lab_settings({"gripper": {"host": "", "port": 0}, "tactile": {"url": ""},
+                             "arm": {"host": ""}})  # fmt: skip
+    file.write_text(settings)
+    assert emulate.emulate(args) == 0 and served == [settings]
 
 
 def test_a_used_port_is_refused_before_anything_is_compiled() -> None:

@@ -53,3 +53,15 @@ def test_other_files_are_not_overwritten_by_a_page(
     assert main(["report", str(only(runs)), "--out", str(out)]) == 2
     assert "exists already (name another file)" in capsys.readouterr().err
     assert out.read_text() == "<!doctype html>mine"
+
+
+@pytest.mark.parametrize("to", ["svg", "gif"])
+def test_other_files_are_not_overwritten_by_a_picture(
+    to: str, runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / f"mine.{to}"
+    out.write_text("mine")
+    assert main(["export", str(only(runs)), "--to", to, "--out", str(out)]) == 2
+    assert "exists already (name another file" in capsys.readouterr().err
+    assert out.read_text() == "mine"

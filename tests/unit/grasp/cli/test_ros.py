@@ -1,17 +1,20 @@
 """What a ROS client may choose of a lift, the command line of a lift, and a missing ROS."""
 
+import math
 import os
 import signal
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
-from drivers.errors import UsageError
-from grasp.cli import ros
+from drivers.errors import ConfigError, UsageError
+from grasp.cli import ros, ros_lifts
 from grasp.cli.child import Child
 from grasp.cli.commands import build_parser
 from grasp.cli.main import main
-from grasp.cli.ros_lifts import Goal, Lifts
+from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
 from grasp.clock import WallClock
 from grasp.controller import Decision
 from grasp.loop import Tick
@@ -49,6 +52,76 @@ def test_a_goal_names_packaged_parts_and_changes_no_limit(tmp_path: Path) -> Non
     ):
         assert text in node.problem(goal)
     assert lifts("--rig", "simulated", "--profile", "paper").problem(Goal("can", "paper")) == ""
+
+
+def test_a_settings_file_that_becomes_a_pipe_refuses_the_goal(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[hand]\nactivation_s = 1.0\n")
+    node = lifts("--rig", "simulated", "--config", str(file))
+    assert node.problem(Goal()) == ""
+    file.unlink()
+    os.mkfifo(file)
+    assert "is no regular file" in node.problem(Goal())
+    with pytest.raises(ConfigError, match="is no regular file"):
+        lifts("--rig", str(file))
+
+
+@pytest.mark.parametrize(
+    ("printed", "success", "verdict", "slip_m"),
+    [
+        ({"success": True, "outcome": "held", "slip_distance_m": 0.01}, True, "held", 0.01),
+        ({"success": False, "outcome": "dropped"}, False, "dropped", None),
+        ({"success": None, "outcome": "interrupted"}, False, "interrupted", None),
+        ({"error": {"kind": "link_lost", "message": "no arm"}}, False, "link_lost", None),
+        (
+            {"error": {"kind": "stale"}, "result": {"success": False, "outcome": "fault"}},
+            False, "fault", None,
+        ),
+    ],
+)  # fmt: skip
+def test_a_client_is_told_success_only_of_a_lift_that_was_one(
+    printed: dict[str, Any], success: bool, verdict: str, slip_m: float | None
+) -> None:
+    outcome = Outcome.of({"peak_force_n": {"A": 4.0}, **printed})
+    assert (outcome.success, outcome.verdict) == (success, verdict)
+    assert outcome.slip_distance_m == slip_m or math.isnan(outcome.slip_distance_m)
+    assert outcome.peak_force_n[0] == 4.0 or "error" in printed
+
+
+@pytest.fixture
+def child(monkeypatch: pytest.MonkeyPatch) -> Mock:
+    made = Mock()
+    monkeypatch.setattr(ros_lifts, "Child", lambda words, feeds: made)
+    return made
+
+
+def test_a_stop_reaches_a_lift_whose_process_does_not_exist_yet(child: Mock) -> None:
+    slot = Slot()
+    slot.stopping = False
+    assert not slot.stop()  # it was accepted, and has not begun
+    with slot.taken() as free:
+        assert free and slot.busy.locked()
+        slot.start(["run", "lift"], lift=True)
+        assert child.stop.call_count == 1
+    slot.stopping = False
+    child.reset_mock()
+    with slot.taken():
+        slot.start(["run", "lift"], lift=True)
+        assert child.stop.call_count == 0  # the stop was not for this one
+        assert slot.stop() and child.stop.call_count == 1
+
+
+def test_one_command_runs_at_a_time_and_an_exception_ends_it(child: Mock) -> None:
+    slot = Slot()
+    with pytest.raises(OSError, match="pipe"), slot.taken():
+        slot.start(["release"])
+        with slot.taken() as free:
+            assert not free
+        assert slot.busy.locked() and child.stop.call_count == 0
+        raise OSError("pipe")
+    assert not slot.busy.locked() and child.stop.call_count == 1
+    with slot.taken() as free:
+        assert free
 
 
 def test_real_devices_need_a_confirmation_of_the_node_itself() -> None:

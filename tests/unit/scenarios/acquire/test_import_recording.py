@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from detector.recordings import read, write
+from detector.text_table import MOST_BYTES
 from drivers.errors import BadFile
+from grasp.cli.main import main
 from scenarios.acquire.import_recording import ImportOptions, import_recording
 
 REST = 430
@@ -118,12 +120,55 @@ def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Pa
         read(tmp_path / "own.npz")
 
 
+@pytest.mark.parametrize(
+    ("hz", "expected"),
+    [  # the labels 1, 0, 0 in turn, at the middle of 10 ms (200 Hz) or at a sample (50 Hz)
+        (200, [0, 1, 0, 0, 1, 0, 0, 1, 0]),
+        (50, [1, 1, 0, 0, 0, 0, 1, 1, 0]),
+    ],
+)  # fmt: skip
+def test_resampled_labels_are_those_of_the_last_sample(
+    hz: int, expected: list[int], tmp_path: Path
+) -> None:
+    slips = iter([1, 0, 0] * 100)
+    lines = rows(hz, lambda t: f"{t},{values(t)},{next(slips)}")
+    path = table(tmp_path, [f"time,{CHANNELS},slip", *lines])
+    made, _ = import_recording(path, ImportOptions(rest_s=0.4, resample=True))
+    assert made.slip[: len(expected)].astype(int).tolist() == expected
+
+
+def test_a_large_file_is_refused_by_its_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "long.csv"
+    with path.open("wb") as file:
+        file.truncate(MOST_BYTES + 1)  # takes no room
+    monkeypatch.setattr(Path, "open", None)  # it is not read
+    with pytest.raises(BadFile, match=r"long\.csv: is too large: 200 MB; at most 200") as caught:
+        import_recording(path, ImportOptions())
+    assert caught.value.remedy == "cut it into several files"
+
+
+def test_names_of_columns_are_printed_without_control_characters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = CHANNELS.replace("c3", "\x1b[31mc3")
+    path = table(tmp_path, [f"time,{names}", *rows(100, lambda t: f"{t},{values(t)}")])
+    words = ("dataset", "import", str(path), "--out", str(tmp_path), "--rest-seconds", "0.4")
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    assert "\x1b" not in printed.out + printed.err and "\\x1b[31mc3" in printed.out
+
+
 def test_unusable_tables_are_refused_with_a_remedy(tmp_path: Path) -> None:
     good = [f"time,{CHANNELS}", *rows(100, lambda t: f"{t},{values(t)}")]
     for lines, columns, problem in (
         (good, "c0,c1,c2", "3 channels"),
         (good, "c0,chan1", "has no column 'chan1'"),
         (good, "7-2", "--columns 7-2: no column"),
+        (good, "\N{SUPERSCRIPT TWO}", "has no column '\N{SUPERSCRIPT TWO}'"),
+        (good, "9" * 4301, "has no column '999"),
+        (good, f"1-{'9' * 4301}", "has no column '1-999"),
         (good, "c0,2-6", "--columns c0,2-6: c0 twice"),
         ([*good[:9], "0.08,1_0,0,0,0,0,0"], "", "c0 is '1_0'"),
         (good, "", "a count is 430000, beyond"),

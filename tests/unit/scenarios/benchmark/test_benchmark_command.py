@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -16,6 +17,7 @@ from grasp.cli.main import main
 from grasp.files import locked
 from scenarios.benchmark import protocol, run, streams
 from scenarios.report.benchmark_page import benchmark_page
+from scenarios.rigs.workers import Workers
 from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, Recordings
 
@@ -146,3 +148,21 @@ def test_impossible_requests_are_refused_before_anything_runs(
         error = capsys.readouterr().err
         assert said in error and "(" in error, error
     assert not (tmp_path / "out").exists()
+
+
+def test_a_detector_that_never_returns_is_ended_and_named(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str], plugin: Plugin,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    name = plugin("import threading", "threading.Event().wait()").detector_name
+    waited: list[float] = []
+
+    def wait(futures: Any, timeout_s: float, _: str) -> SimpleNamespace:
+        waited.append(timeout_s)
+        return SimpleNamespace(done=set())
+
+    monkeypatch.setattr("scenarios.rigs.workers.wait", wait)
+    monkeypatch.setattr("grasp.cli.benchmark.workers", lambda args: Workers(1))
+    assert benchmark(name, "--out", str(tmp_path)) == 2
+    assert f"{name}: no result for 5 minutes" in capsys.readouterr().err
+    assert sum(waited) == 300.0

@@ -133,3 +133,8 @@ def test_fingertips_with_frozen_or_lost_frames_fail_the_check(
     )
     assert found == status
     assert reported in detail
+
+
+def test_a_simulated_cell_is_opened() -> None:
+    found = doctor._simulation(lambda rig, name: load_config("can", rig, name))
+    assert found == ("ok", "a simulated cell opens")
