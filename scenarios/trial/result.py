@@ -113,7 +113,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     detector_hash: str  # of weights or formula, and rule
     end: FinalState | None = None  # after a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
-    reported: tuple[Fault, ...] = ()  # would have ended it with `monitors.mode` = stop
+    reported: tuple[Fault, ...] = ()  # failed checks that did not end it
     bug: Bug | None = None  # an internal error that ended it
     hidden: dict[str, int] = {}  # exceptions that were ignored so that it could go on: number
     arm: str | None = None  # address of the real arm; None without one
