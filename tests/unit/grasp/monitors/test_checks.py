@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import LinkLost
+from drivers.interfaces import Detection
 from grasp.commands import Command, HoldFingers, MoveArm
 from grasp.fault import ARM, GRIPPER, Fault
 from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, invalid_probabilities
@@ -16,6 +17,7 @@ from grasp.states import CONTACT_STATES, SAFE_STATES, State
 from tests.unit.grasp.builders import arm, codes, frame_of, gripper
 
 TICK = 10_000_000
+REST = (Detection.AT_TARGET,) * 3
 
 
 def inputs(t_ns: int = 0, **changes: object) -> StepInput:
@@ -94,6 +96,34 @@ def test_the_arm_is_checked_against_the_commands_of_the_step(
     assert monitors.check(State.START, inputs()) == ()
     monitors.sent(commands, arm())
     assert [f.code for f in monitors.check(State.START, inputs(10**9))] == says
+
+
+@pytest.mark.parametrize("pressed_before", [False, True])
+def test_contact_without_pressure_is_implausible_unless_the_object_was_lost(
+    pressed_before: bool,
+) -> None:
+    """A hand that has closed on an object keeps reporting contact once the object is gone."""
+    latched = (Detection.CONTACT_CLOSING, *REST[1:])
+    steps = [
+        inputs(
+            TICK * k, gripper=gripper(TICK * k, detections=latched),
+            frame=frame_of(codes(k) + np.int16(0 if pressed_before and k == 0 else 50)),
+        )
+        for k in range(32)
+    ]  # fmt: skip
+    assert found(State.CLOSE, *steps[:30], jump_counts=100) == []
+    expected = [] if pressed_before else ["fingertips_unpressed"]
+    assert found(State.CLOSE, *steps, jump_counts=100) == expected
+
+
+@pytest.mark.parametrize(("other", "swapped"), [(139, []), (141, ["fingertips_swapped"])])
+def test_fingertips_are_swapped_beyond_a_ratio_in_a_strong_grip(
+    other: int, swapped: list[str]
+) -> None:
+    for share, strong in ((1.0, True), (0.5, False)):
+        raw = 450 - np.array([[100], [other], [60]]) * np.ones(6) * share
+        frame = frame_of(np.rint(raw).astype(np.int16))
+        assert found(State.LIFT, inputs(frame=frame)) == (swapped if strong else [])
 
 
 def test_report_mode_ends_a_run_only_for_vital_checks() -> None:
