@@ -29,7 +29,7 @@ USABLE_SHARE = 0.5
 PRESSED_COUNTS = 4  # mean of a fingertip; assumed: half of the lightest contact
 UNPRESSED_NS = 300_000_000  # contact without a pressed fingertip; assumed: delays are 80 ms
 STRONG_COUNTS = 250  # means of all fingertips together, about 10 N; assumed
-SWAPPED_RATIO = 1.4  # of B or C to the thumb; simulated: about 2 if swapped, else at most 1.3
+SWAPPED_RATIO, SWAPPED_SAMPLES = 1.4, 10  # unswapped, in 420 simulated lifts: at most 4 in a row
 
 
 class FingertipHistory:
@@ -153,6 +153,7 @@ class PressHistory:
     """Which fingertips are pressed, compared with the hand and with each other."""
 
     def __init__(self) -> None:
+        self._swapped = 0  # samples in a row in which B or C reads more than the thumb
         self._pressed = False  # some fingertip was, since the hand was open
         self._plausible_ns: int | None = None  # of the last sample without unpressed contact
 
@@ -161,18 +162,19 @@ class PressHistory:
         failures: Failures = {}
         if (frame := inputs.frame) is None:
             return failures
-        hand, t_ns = inputs.gripper, inputs.t_ns
         a, b, c = pressed = [-sum(row) / len(row) for row in frame.counts.tolist()]
-        opened = max(hand.positions) <= OPEN_COUNTS
+        opened = max(inputs.gripper.positions) <= OPEN_COUNTS
         self._pressed = not opened and (self._pressed or max(pressed) >= PRESSED_COUNTS)
-        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in hand.fingers)
+        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in inputs.gripper.fingers)
         plausible = opened or self._pressed or not (stopped or min(pressed) <= -LOADED_COUNTS)
         if plausible or self._plausible_ns is None:
-            self._plausible_ns = t_ns
-        if t_ns - self._plausible_ns >= UNPRESSED_NS:
+            self._plausible_ns = inputs.t_ns
+        if inputs.t_ns - self._plausible_ns >= UNPRESSED_NS:
             failures["fingertips_unpressed"] = {}
         # the thumb carries the sum of B and C, which a closing makes about equal
-        if a + b + c >= STRONG_COUNTS and max(b, c) > SWAPPED_RATIO * a:
+        swapped = a + b + c >= STRONG_COUNTS and max(b, c) > SWAPPED_RATIO * a
+        self._swapped = (self._swapped + 1) * swapped
+        if self._swapped >= SWAPPED_SAMPLES:
             failures["fingertips_swapped"] = {"finger": "B" if b > c else "C"}
         return failures
 
