@@ -12,7 +12,9 @@ It uses the application's detector, slip monitor, slip response and force guard,
    stops until slip is over; it may only go straight down. The same holds for the arm while the
    fingers of a policy move, because slip is not monitored then.
 5. If slip continues at the limit, the arm may only go down until the object is released.
-6. After a fault, or if contact is lost, arm and hand stay in the application's safe state until
+6. The arm is no faster than its limit. A closed hand that has lifted nothing goes down only so fast
+   that it stops within the force limit where it meets something.
+7. After a fault, or if contact is lost, arm and hand stay in the application's safe state until
    ``OpenFingers`` or ``reset``.
 """
 
@@ -45,6 +47,7 @@ from grasp.commands import GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.controller import GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import Fault
+from grasp.guard import GuardSettings
 from grasp.loop import to_gripper
 from grasp.monitors.arm import ArmHistory
 from grasp.monitors.settings import Failures
@@ -55,6 +58,8 @@ from grasp.step import GraspStep
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
 COUNTS = range(256)
+SENSING_S = 0.1  # from contact until the arm brakes: fingertips 80 ms, a step, the arm; assumed
+LIFTED_M = 0.01  # an object that has risen so far does not lie below the fingers; assumed
 
 
 class PolicyCommand(msgspec.Struct, frozen=True, kw_only=True):
@@ -190,12 +195,15 @@ class Reflex:
     """Call ``step`` once a tactile sample, every 10 ms. No method reads a clock or a device."""
 
     def __init__(
-        self, settings: ControllerSettings, make_step: Callable[[], GraspStep], force_limit_n: float
-    ) -> None:
-        """``make_step``: makes the parts of one grasp, with a ``ReflexController``."""
+        self, settings: ControllerSettings, make_step: Callable[[], GraspStep],
+        guard: GuardSettings, most_arm_mps: float,
+    ) -> None:  # fmt: skip
+        """``make_step``: makes the parts of one grasp, with a ``ReflexController``.
+        ``most_arm_mps``: limit of the arm's speed, m/s."""
         self._settings = settings
         self._make_step = make_step
-        self._limit_n = force_limit_n
+        self._limit_n, self._most_arm_mps = guard.force_limit_n, most_arm_mps
+        self._descent_mps = safe_descent_mps(guard, settings.slip_stop_mps2)
         self.reset()
 
     def reset(self) -> None:
@@ -206,6 +214,7 @@ class Reflex:
         self._controller = self._step.controller
         self._sent: GripperCommand | None = None  # the last command to the hand
         self._below_limit = False
+        self._lifted = False  # the held object has risen
         self._last_ns: int | None = None
 
     def step(
@@ -220,18 +229,23 @@ class Reflex:
         """What to send instead of the policy's command.
 
         Args:
-            tactile: the present frame, or its counts (3, taxels): raw minus rest, pressing is
-                negative. From counts alone, taxels at an end of their range are not noticed.
+            tactile: the present frame, or its integer counts (3, taxels): raw minus rest, pressing
+                is negative. From counts alone, taxels at an end of their range are not noticed.
             gripper: the hand's state, read since the last command.
             arm: the arm's state.
             wanted: the policy's command, in every step the whole of it.
             t_ns: time of this sample on the clock of the states; None: that of the frame.
 
         Raises:
-            UsageError: for counts without ``t_ns``, and for a time that goes back.
+            UsageError: for counts of another type, shape or range, for counts without ``t_ns``,
+                and for a time that is no integer or goes back.
         """
-        frame = tactile if isinstance(tactile, TactileFrame) else _frame(tactile, t_ns)
+        counts = tactile.counts if isinstance(tactile, TactileFrame) else np.asarray(tactile)
+        _check_counts(counts)
+        frame = tactile if isinstance(tactile, TactileFrame) else _frame(counts, t_ns)
         now_ns = frame.t_ns if t_ns is None else t_ns
+        if not isinstance(now_ns, int | np.integer):
+            raise UsageError(f"the time {now_ns!r} is no integer", "give nanoseconds")
         if self._last_ns is not None and now_ns < self._last_ns:
             raise UsageError("the time went back", "give the times of one clock, or call reset()")
         self._last_ns = now_ns
@@ -250,7 +264,8 @@ class Reflex:
             gripper=gripper, arm=arm, below_limit=self._below_limit,
         )  # fmt: skip
         own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
-        controller, velocity = self._controller, wanted.arm_velocity_mps
+        controller = self._controller
+        velocity = self._within_speed(wanted.arm_velocity_mps, refused)
         ramp_mps2 = self._settings.lift_acceleration_mps2
         hand: GripperCommand | None = None
         if self._settings.reactions:
@@ -321,7 +336,39 @@ class Reflex:
             ramp_mps2 = s.slip_stop_mps2 if admitted == AT_REST else ramp_mps2
         if admitted != wanted:
             refused.append(f"motion of the arm in the state {controller.state}")
+        if admitted[2] < -(most_mps := self._most_descent_mps(obs)):
+            refused.append(f"descent: at most {most_mps * 1e3:.0f} mm/s until an object is lifted")
+            admitted = (*admitted[:2], -most_mps) if most_mps else AT_REST
+            ramp_mps2 = ramp_mps2 if most_mps else s.slip_stop_mps2
         return admitted, ramp_mps2
+
+    def _most_descent_mps(self, obs: Observation) -> float:
+        """Fastest descent, m/s; 0 in contact with an object that has not been lifted."""
+        controller = self._controller
+        rise_m = obs.arm.position_m[2] - controller.home[2]
+        self._lifted = controller.held and (self._lifted or rise_m >= LIFTED_M)
+        if self._lifted or max(obs.gripper.positions) <= OPEN_COUNTS:
+            return math.inf
+        return 0.0 if controller.touches(obs) else self._descent_mps
+
+    def _within_speed(self, wanted: Vector3, refused: list[str]) -> Vector3:
+        """The policy's velocity, at most as fast as the arm's limit."""
+        speed_mps, most_mps = math.hypot(*wanted), self._most_arm_mps
+        if speed_mps > most_mps:
+            refused.append(f"velocity of {speed_mps:g} m/s: the arm's limit is {most_mps:g} m/s")
+        x, y, z = (v * (most_mps / max(speed_mps, most_mps)) for v in wanted)
+        return x, y, z
+
+
+def safe_descent_mps(guard: GuardSettings, stop_mps2: float) -> float:
+    """Fastest descent of closed fingers, m/s, from which the arm stops within the force limit plus
+    overshoot where they meet an object of the stated stiffness.
+
+    v T + v^2 / (2 a) = (limit + overshoot) / (2 k): ``SENSING_S`` T, deceleration a of the stop,
+    stiffness k, twice because thumb and opposing fingers are both pressed.
+    """
+    way_m = (guard.force_limit_n + guard.overshoot_n) / (2.0 * guard.contact_stiffness_npm)
+    return stop_mps2 * (math.sqrt(SENSING_S**2 + 2.0 * way_m / stop_mps2) - SENSING_S)
 
 
 def _is_valid(wanted: PolicyCommand) -> bool:
@@ -369,11 +416,22 @@ def _present_target(finger: FingerState) -> int:
     return finger.min_closure_counts if moves else finger.requested_counts
 
 
+def _check_counts(counts: NDArray[Any]) -> None:
+    """Raise UsageError for what cannot be raw minus rest of all fingertips."""
+    shape, kind = counts.shape, counts.dtype.kind
+    fits = kind in "iu" and len(shape) == 2 and shape[0] == FINGERS and shape[1] > 0
+    if not fits or counts.min() < -CODE_MAX or counts.max() > CODE_MAX:
+        span = f", from {counts.min()} to {counts.max()}" if fits else ""
+        wrong = f"counts of type {counts.dtype} and shape {shape}{span}"
+        allowed = f"integers of shape (3, taxels) from -{CODE_MAX} to {CODE_MAX}"
+        raise UsageError(wrong, f"give raw codes minus rest codes: {allowed}")
+
+
 def _frame(counts: NDArray[np.int16], t_ns: int | None) -> TactileFrame:
     """A frame of counts, with raw codes in the middle of the range."""
     if t_ns is None:
         raise UsageError("counts have no time", "give t_ns, or a TactileFrame")
-    counts = np.asarray(counts, np.int16)
+    counts = counts.astype(np.int16)
     rest = np.full_like(counts, CODE_MAX // 2)
     raw = np.clip(counts + rest, 1, CODE_MAX - 1)
     return TactileFrame(t_ns, t_ns, 0, counts, raw, rest, np.zeros_like(counts))

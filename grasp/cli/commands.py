@@ -89,8 +89,10 @@ def _add_run(group: Parser) -> None:
     press.option("--speed MPS", "speed of a stroke, m/s", decimal(0.004, 0.2, "m/s"), default=0.05)
     press.option("--seconds S", "length of the recording, s", decimal(1, 3600, "s"), default=20.0)
     press.set_defaults(view=False)
+    lift.option("--object NAME", f"{OBJECT_HELP} (default: can, with --first: foam)")
+    share(tap, "object")
     for name, parser in (("lift", lift), ("tap", tap)):
-        share(parser, "object profile detector")
+        share(parser, "profile detector")
         parser.option("--trials N", f"trials to run (default: {TRIALS[name]})", whole(1, 10_000))
         parser.option("--out FILE", "SQLite file with one row per trial", file_with_folders)
         parser.flag("--resume", "continue --out: run missing trials and those ended by a device")

@@ -15,14 +15,15 @@ from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.layers import trial_layers
 
-FIRST_OBJECT = "foam"  # of --first, unless another is named: the softest
+DEFAULT_OBJECT, FIRST_OBJECT = "can", "foam"  # of a lift; with --first, the softest
 
 
 def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
-    object_name = FIRST_OBJECT if args.first and args.object == "can" else str(args.object)
+    default = FIRST_OBJECT if args.first else DEFAULT_OBJECT
+    object_name = default if args.object is None else args.object
     chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)
     if args.dry_run:

@@ -18,6 +18,7 @@ from grasp.cli.lab import say
 from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator
+from grasp.monitors.checks import CHECKS
 from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
 from scenarios.report.step_feed import StepFeed
@@ -131,10 +132,10 @@ def _follow(
 
 
 def _say_reported(result: Any) -> None:
-    """Print faults that would have ended the run if `monitors.mode` were not "report", and
-    exceptions that were ignored."""
+    """Print failed checks that did not end the run, and exceptions that were ignored."""
     for fault in result.reported:
-        exits.report_line(f"seed {result.seed}, would have ended the run: {fault.line}")
+        ends = "would have ended the run: " if CHECKS[fault.code].ends else ""
+        exits.report_line(f"seed {result.seed}, {ends}{fault.line}")
     for text, number in result.hidden.items():
         exits.report_line(f"seed {result.seed}, a bug that was ignored {number} times: {text}")
 

@@ -14,7 +14,7 @@ from drivers.interfaces import FINGERS, ArmState
 from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors.arm import ArmHistory
-from grasp.monitors.fingertips import FingertipHistory
+from grasp.monitors.fingertips import FingertipHistory, PressHistory
 from grasp.monitors.gripper import GripperHistory
 from grasp.monitors.settings import Failures, MonitorSettings
 from grasp.observation import StepInput
@@ -24,6 +24,7 @@ ALWAYS = frozenset(State)
 TOUCHING = ALWAYS - OPEN_STATES  # contact of some fingertip is possible
 STARTED = ALWAYS - {State.START}
 STOOD_STILL, DETECTOR_FAILED = "loop_stood_still", "detector_failed"
+SWAPPED = "fingertips_swapped"
 
 REMEDIES = {
     ARM: "look at the arm and its pendant, then run `grasp doctor`",
@@ -31,6 +32,7 @@ REMEDIES = {
     FINGERTIPS: "look at the fingertips, their cable and their board, then run `grasp doctor`",
     DETECTOR: "choose another detector (--detector), or end what else this computer does",
     DETECTOR_FAILED: "correct the detector (docs/extending.md), or choose another (--detector)",
+    SWAPPED: "press each pad in `grasp tactile identify`, then exchange cables or tactile.cells",
     LOOP: "this computer stood still: end what else it does, then start the run again "
     "(docs/first-day.md)",
 }
@@ -41,13 +43,14 @@ class Check(NamedTuple):
     """One check: the device whose fault it is, and the message of the fault.
 
     ``states``: where a failure counts. ``vital``: ends a run in report mode too, because control is
-    impossible otherwise.
+    impossible otherwise. ``ends``: False: it is reported in every mode.
     """
 
     device: str
     message: str
     states: frozenset[State] = ALWAYS
     vital: bool = False
+    ends: bool = True
 
 
 CHECKS = {
@@ -80,6 +83,10 @@ CHECKS = {
         "the codes of finger {finger} no longer change", TOUCHING),
     "fingertip_few_taxels": Check(FINGERTIPS,
         "more than half of the taxels of finger {finger} no longer change", GRIPPED_STATES),
+    "fingertips_unpressed": Check(FINGERTIPS,
+        "contact, but no fingertip is pressed: pressing must be negative", CONTACT_STATES),
+    SWAPPED: Check(FINGERTIPS, "fingertip {finger} reads more than the thumb's: are they swapped?",
+        GRIPPED_STATES | {State.LIFT, State.COMPENSATE, State.HOLD}, ends=False),
     "fingertips_slow": Check(FINGERTIPS,  # found by the run monitor
         "too few samples for rest counts within {seconds:g} s", vital=True),
     DETECTOR_FAILED: Check(DETECTOR, "{how}", vital=True),  # found by the step
@@ -111,6 +118,7 @@ class Monitors:
         self.arm = ArmHistory(settings)
         self.gripper = GripperHistory(settings)
         self.fingertips = FingertipHistory(settings)
+        self._presses = PressHistory()
 
     def check(self, state: State, inputs: StepInput) -> tuple[Fault, ...]:
         """Faults of all checks that this step's inputs fail."""
@@ -125,6 +133,7 @@ class Monitors:
         failures |= self.arm.update(inputs.arm, inputs.pending)
         failures |= self.gripper.update(inputs.gripper)
         failures |= self.fingertips.update(inputs.frame)
+        failures |= self._presses.update(inputs)
         return self._faults(state, failures) if failures else ()
 
     def _faults(self, state: State, failures: Failures) -> tuple[Fault, ...]:
@@ -140,7 +149,8 @@ class Monitors:
     def stops(self, fault: Fault) -> bool:
         """Whether the fault ends the run: in report mode, implausible data do not."""
         implausible = fault.kind == IMPLAUSIBLE and not CHECKS[fault.code].vital
-        return not (implausible and self._settings.mode == "report")
+        report = self._settings.mode == "report"
+        return not (implausible and (report or not CHECKS[fault.code].ends))
 
     @property
     def force_plausible(self) -> bool:

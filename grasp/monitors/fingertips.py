@@ -9,8 +9,9 @@ from itertools import chain, compress
 
 import numpy as np
 
-from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, TactileFrame
+from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, OPEN_COUNTS, Detection, TactileFrame
 from grasp.monitors.settings import Failures, MonitorSettings
+from grasp.observation import StepInput
 
 INNER_CODES = frozenset(range(1, CODE_MAX))  # others are at a rail and show no change of pressure
 RAIL_SAMPLES = 3  # in a row with a whole fingertip at code 0 or 1023; assumed
@@ -25,6 +26,10 @@ LOADED_COUNTS = 30  # of a taxel from its rest; assumed: twice the drift of warm
 # Least share of usable taxels of each fingertip for a lift; assumed: detectors are trained with one
 # dead taxel of six, almost never with four.
 USABLE_SHARE = 0.5
+PRESSED_COUNTS = 4  # mean of a fingertip; assumed: half of the lightest contact
+UNPRESSED_NS = 300_000_000  # contact without a pressed fingertip; assumed: delays are 80 ms
+STRONG_COUNTS = 250  # means of all fingertips together, about 10 N; assumed
+SWAPPED_RATIO, SWAPPED_SAMPLES = 1.4, 10  # unswapped, in 420 simulated lifts: at most 4 in a row
 
 
 class FingertipHistory:
@@ -142,6 +147,36 @@ class FingertipHistory:
             usable = sum(code not in INNER_CODES or n < STUCK_SAMPLES for code, n in taxels)
             few.append(usable / len(codes) < USABLE_SHARE)
         return few
+
+
+class PressHistory:
+    """Which fingertips are pressed, compared with the hand and with each other."""
+
+    def __init__(self) -> None:
+        self._swapped = 0  # samples in a row in which B or C reads more than the thumb
+        self._pressed = False  # some fingertip was, since the hand was open
+        self._plausible_ns: int | None = None  # of the last sample without unpressed contact
+
+    def update(self, inputs: StepInput) -> Failures:
+        """Take frame and hand of this step; returns the checks that they fail."""
+        failures: Failures = {}
+        if (frame := inputs.frame) is None:
+            return failures
+        a, b, c = pressed = [-sum(row) / len(row) for row in frame.counts.tolist()]
+        opened = max(inputs.gripper.positions) <= OPEN_COUNTS
+        self._pressed = not opened and (self._pressed or max(pressed) >= PRESSED_COUNTS)
+        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in inputs.gripper.fingers)
+        plausible = opened or self._pressed or not (stopped or min(pressed) <= -LOADED_COUNTS)
+        if plausible or self._plausible_ns is None:
+            self._plausible_ns = inputs.t_ns
+        if inputs.t_ns - self._plausible_ns >= UNPRESSED_NS:
+            failures["fingertips_unpressed"] = {}
+        # the thumb carries the sum of B and C, which a closing makes about equal
+        swapped = a + b + c >= STRONG_COUNTS and max(b, c) > SWAPPED_RATIO * a
+        self._swapped = (self._swapped + 1) * swapped
+        if self._swapped >= SWAPPED_SAMPLES:
+            failures["fingertips_swapped"] = {"finger": "B" if b > c else "C"}
+        return failures
 
 
 def taxels_at_rail(frame: TactileFrame) -> list[int]:

@@ -28,6 +28,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
+from grasp.monitors.fingertips import PRESSED_COUNTS
 from scenarios.lab.fingertips import TactileReader, open_fingertips
 from scenarios.lab.fit import (
     CHECK_READINGS,
@@ -169,18 +170,21 @@ def open_presser(
 
 def pad_counts(fingertips: TactileReader, clock: Clock, finger: str) -> tuple[float, bool]:
     """Mean fall of a finger's codes over a second, summed over its taxels, and whether a taxel was
-    at the end of its range."""
+    at the end of its range. Raises UsageError where another fingertip is pressed instead."""
     i = FINGER_NAMES.index(finger)
     falls, rail = [], False
     for _ in fingertips.ticks(clock, SAMPLES):
         if fingertips.counts is not None and fingertips.rest is not None:
-            counts = fingertips.counts[i]
-            codes = counts + fingertips.rest[i]
+            codes = fingertips.counts[i] + fingertips.rest[i]
             rail = rail or bool((codes <= 0).any() or (codes >= CODE_MAX).any())
-            falls.append(-float(counts.sum()))
+            falls.append(-fingertips.counts.sum(axis=1, dtype=np.int64))
     if not falls:
         raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
-    return float(np.mean(falls)), rail
+    means = np.mean(falls, axis=0).tolist()
+    if means[i] < max(means) >= PRESSED_COUNTS * codes.size:
+        problem = f"fingertip {FINGER_NAMES[means.index(max(means))]} is pressed, not {finger}"
+        raise UsageError(problem, "load the named one, and see `grasp tactile identify`")
+    return means[i], rail
 
 
 def weight_readings(

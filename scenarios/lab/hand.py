@@ -61,6 +61,7 @@ SPREAD_S = 15.0  # timeout for moving B and C apart; assumed: at least speed it 
 AT_REST = 2  # consecutive states at rest
 TRIES, TRY_FOR_NS = 3, 1_000_000_000
 CONTACT_N = 1.0  # estimated force that counts as contact; above the drift of an unloaded pad
+SWAPPED = "press each pad in `grasp tactile identify`"
 EMERGENCY_STOP = "press the emergency stop, switch the gripper off if it still moves"
 
 Say = Callable[[str], None]
@@ -208,6 +209,8 @@ class Hand:
         """As ``move``, but after an error the caller must stop the fingers."""
         early, touched = "", ""
         sent = self.state.positions
+        named = zip(FINGER_NAMES, targets, sent, strict=True)
+        closing = "".join(name for name, to, at in named if to > at)
 
         def step() -> bool:
             nonlocal sent, early, touched
@@ -223,6 +226,8 @@ class Hand:
             elif until_contact and not touched and max(estimated_n) >= CONTACT_N:
                 named = zip(FINGER_NAMES, estimated_n, strict=True)
                 touched = "".join(name for name, n in named if n >= CONTACT_N)
+                if not set(touched) & set(closing):
+                    early = f"fingertip {touched} responds, but {closing} closes: {SWAPPED}"
                 self._gripper.hold()
             return sent != before
 

@@ -25,4 +25,4 @@ def make_reflex(config: TrialConfig) -> Reflex:
         controller = make_controller(config, kind=ReflexController)
         return make_step(config, controller, monitors=monitors, detector=detector)
 
-    return Reflex(config.controller, parts, config.guard.force_limit_n)
+    return Reflex(config.controller, parts, config.guard, config.arm.max_speed_mps)

@@ -301,7 +301,7 @@ def remarks(run: RunRecord) -> list[str]:
     if verdict is not None and verdict.bug is not None:
         texts.append(f"Internal error: {verdict.bug.name}: {verdict.bug.text}.")
     if verdict is not None and verdict.reported:
-        texts.append(f"Checks that failed without a stop (report mode): {lines(verdict.reported)}.")
+        texts.append(f"Checks that failed without a stop: {lines(verdict.reported)}.")
     if verdict is not None and verdict.end is not None:
         texts.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
         if verdict.end.unconfirmed:

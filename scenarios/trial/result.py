@@ -114,7 +114,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     engine: str | None = None  # `compiled` or `onnxruntime`; None for a detector without a network
     end: FinalState | None = None  # after a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
-    reported: tuple[Fault, ...] = ()  # would have ended it with `monitors.mode` = stop
+    reported: tuple[Fault, ...] = ()  # failed checks that did not end it
     bug: Bug | None = None  # an internal error that ended it
     hidden: dict[str, int] = {}  # exceptions that were ignored so that it could go on: number
     arm: str | None = None  # address of the real arm; None without one

@@ -113,10 +113,14 @@ def centre_on_pad(p: Floats, slip: float) -> float:
 @inlined
 def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Compression of each finger's spring (3,), m, into ``out``, at lateral position zero: wall
-    minus pad surface minus relaxation."""
+    minus pad surface minus relaxation. An edge compresses closed fingers that come down on it only
+    as far as they have come."""
+    deep = p[P_BODY_TOP] - state[SLIP]
+    if p[P_SHAPE] != 0.0:
+        deep = p[P_HALF_HEIGHT] + p[P_PAD_HALF] - abs(p[P_GRIP_HEIGHT] + state[SLIP])
     for i in range(FINGERS):
         relaxed = p[P_RELAX] * state[RELAXED + i]
-        out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
+        out[i] = min(width - (p[P_APERTURE] - travel[i]), deep) - relaxed
 
 
 @compiled()

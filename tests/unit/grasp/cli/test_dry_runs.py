@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import Refused
+from drivers.errors import Refused, UsageError
 from grasp.cli.main import main
 from grasp.cli.plans import dry_code
 from scenarios.rigs.device_checks import Check
@@ -74,6 +74,19 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
     for scenario in ("lift", "tap", "acquire"):
         assert main(["run", scenario, "--rig", "simulated", "--dry-run"]) == 2
         assert "is for real devices" in capsys.readouterr().err
+
+
+def test_a_named_object_is_lifted_also_in_a_first_lift(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = []
+
+    def load(name: str, *others: object) -> None:
+        loaded.append(name)
+        raise UsageError("read", "")
+
+    monkeypatch.setattr("grasp.cli.run.load_config", load)
+    for words in ("", "--first", "--first --object can", "--first --object ball"):
+        assert main(["run", "lift", "--dry-run", *words.split()]) == 2
+    assert loaded == ["can", "foam", "can", "ball"]
 
 
 def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import LinkLost
+from drivers.interfaces import Detection
 from grasp.commands import Command, HoldFingers, MoveArm
 from grasp.fault import ARM, GRIPPER, Fault
 from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, invalid_probabilities
@@ -16,6 +17,7 @@ from grasp.states import CONTACT_STATES, SAFE_STATES, State
 from tests.unit.grasp.builders import arm, codes, frame_of, gripper
 
 TICK = 10_000_000
+REST = (Detection.AT_TARGET,) * 3
 
 
 def inputs(t_ns: int = 0, **changes: object) -> StepInput:
@@ -96,13 +98,44 @@ def test_the_arm_is_checked_against_the_commands_of_the_step(
     assert [f.code for f in monitors.check(State.START, inputs(10**9))] == says
 
 
+@pytest.mark.parametrize("pressed_before", [False, True])
+def test_contact_without_pressure_is_implausible_unless_the_object_was_lost(
+    pressed_before: bool,
+) -> None:
+    """A hand that has closed on an object keeps reporting contact once the object is gone."""
+    latched = (Detection.CONTACT_CLOSING, *REST[1:])
+    steps = [
+        inputs(
+            TICK * k, gripper=gripper(TICK * k, detections=latched),
+            frame=frame_of(codes(k) + np.int16(0 if pressed_before and k == 0 else 50)),
+        )
+        for k in range(32)
+    ]  # fmt: skip
+    assert found(State.CLOSE, *steps[:30], jump_counts=100) == []
+    expected = [] if pressed_before else ["fingertips_unpressed"]
+    assert found(State.CLOSE, *steps, jump_counts=100) == expected
+
+
+@pytest.mark.parametrize(("other", "swapped"), [(139, []), (141, ["fingertips_swapped"])])
+def test_fingertips_are_swapped_beyond_a_ratio_in_a_strong_grip(
+    other: int, swapped: list[str]
+) -> None:
+    for share, strong in ((1.0, True), (0.5, False)):
+        raw = 450 - np.array([[100], [other], [60]]) * np.ones(6) * share
+        frames = (raw + k % 2 for k in range(10))
+        steps = [inputs(frame=frame_of(np.rint(each).astype(np.int16))) for each in frames]
+        assert found(State.LIFT, *steps[:9]) == []
+        assert found(State.LIFT, *steps) == (swapped if strong else [])
+
+
 def test_report_mode_ends_a_run_only_for_vital_checks() -> None:
     stop, report = (Monitors(MonitorSettings(mode=mode)) for mode in ("stop", "report"))
     lost = Fault.of(ARM, LinkLost("unplugged", "plug it in"))
     stale = Fault("stale", GRIPPER, "too old", kind="stale")
     values = {"finger": "A", "how": "x", "seconds": 1.0, "mm": 1.0, "counts": 1.0, "samples": 1.0}
     faults = [failed(code, **values) for code in CHECKS]
-    assert all(map(stop.stops, [*faults, lost, stale]))
+    ends = {fault.code for fault in [*faults, lost, stale] if stop.stops(fault)}
+    assert ends == {*CHECKS, lost.code, stale.code} - {"fingertips_swapped"}
     assert report.stops(lost) and report.stops(stale)
     assert {fault.code for fault in faults if report.stops(fault)} == {
         "loop_stood_still", "detector_late", "detector_failed", "arm_position_nan",

@@ -1,7 +1,9 @@
 """Calibrations with an operator who mistypes readings, without devices."""
 
+from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from drivers.errors import UsageError
@@ -49,6 +51,16 @@ def test_zero_reading_is_refused_and_the_others_are_accepted(
     accepted, messages = readings(monkeypatch, forces, "0 g", *(f"{n} N" for n in forces), "")
     assert accepted == forces
     assert "0 N is not a load: load the pad, then type the scale's reading" in messages
+
+
+def test_a_load_on_another_fingertip_is_named() -> None:
+    counts = np.zeros((3, 6), np.int16)
+    counts[2] = -50
+    reader = SimpleNamespace(counts=counts, rest=np.full((3, 6), 500), ticks=lambda *_: range(2))
+    none = cast(Any, None)
+    with pytest.raises(UsageError, match="fingertip C is pressed, not B"):
+        calibrate.pad_counts(cast(Any, reader), none, "B")
+    assert calibrate.pad_counts(cast(Any, reader), none, "C") == (300.0, False)
 
 
 def test_reading_that_contradicts_the_others_is_dropped_and_named(

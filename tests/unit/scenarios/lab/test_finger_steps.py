@@ -13,7 +13,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
 from scenarios.lab.calibrate import BACK_COUNTS, Presser
-from scenarios.lab.hand import LEAD_M, TRIES, Hand, lead_counts, retry
+from scenarios.lab.hand import LEAD_M, TRIES, Hand, closing_targets, lead_counts, retry
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig, Springs
 from tests.unit.scenarios.conftest import config
@@ -24,6 +24,19 @@ OPEN = 6
 NOTHING, SCALE = Springs((0, 0, 0), (1, 1, 1)), Springs((2500, 0, 0), (0.08, 1, 1))  # N/m, m
 
 AllThree = tuple[int, int, int]
+
+
+class Pressed:
+    """Fingertips with these sums of counts once a finger has closed to 30 counts."""
+
+    def __init__(self, bench: "Bench", counts_sum: list[float]) -> None:
+        self._bench, self._pressed = bench, tuple(counts_sum)
+
+    def poll(self, now_ns: int) -> None: ...
+
+    @property
+    def counts_sum(self) -> tuple[float, ...]:
+        return self._pressed if max(self._bench.positions) >= 30 else (0.0, 0.0, 0.0)
 
 
 class Bench:
@@ -96,6 +109,27 @@ def test_fingers_close_and_open_fully_in_free_air() -> None:
     assert bench.positions == (240, OPEN, OPEN)  # limit of the hand
     bench.close(0, 0, 0)
     assert bench.positions == (OPEN, OPEN, OPEN)
+
+
+@pytest.mark.parametrize(
+    ("reads", "closes", "swapped"),
+    [(1, "B", False), (2, "B", True), (0, "BC", True), (2, "BC", False)],
+)
+def test_a_fingertip_that_responds_although_another_finger_closes_is_named(
+    reads: int, closes: str, swapped: bool
+) -> None:
+    bench, pressed = Bench(), [0.0, 0.0, 0.0]
+    pressed[reads] = -400.0
+    bench.hand = Hand(LAB, bench.rig.driver, Pressed(bench, pressed), bench.clock, "")  # type: ignore[arg-type]
+    targets = closing_targets(bench.positions, closes, 90)
+    moved = bench.hand.close(targets, bench.messages.append)
+    assert max(moved.positions_counts) < 50
+    name = "ABC"[reads]
+    problem = f"fingertip {name} responds, but {closes} closes: press each pad in `grasp tactile"
+    assert (
+        moved.stopped_by.startswith(problem if swapped else "")
+        and bool(moved.stopped_by) is swapped
+    )
 
 
 def test_targets_that_do_not_follow_a_step_are_reported() -> None:

@@ -64,6 +64,18 @@ def test_reflex_holds_what_a_careless_policy_loses(lift_at: int, open_at: int) -
     assert ends == [(False, True), (True, True)]
 
 
+@pytest.mark.parametrize("name", ["jar", "orange"])
+def test_closed_fingers_that_come_down_on_an_object_press_within_the_limit(name: str) -> None:
+    for reflex, within in ((False, False), (True, True)):
+        env = LiftEnvironment(name, reflex=reflex)
+        env.reset(seed=0)
+        for step in range(900):
+            fingers = -1.0 if step < 90 else 1.0
+            arm = 1.0 if step < 90 else 0.0 if step < 300 else -1.0
+            *_, info = env.step(np.array([fingers, fingers, fingers, arm], np.float32))
+        assert info["peak_force_n"] > 0.0 and (info["peak_force_n"] < 11.0) == within
+
+
 def test_no_command_of_a_random_policy_passes_the_limit() -> None:
     env, rng, peaks = LiftEnvironment("can"), np.random.default_rng(0), []
     for seed in range(3):

@@ -116,6 +116,18 @@ def shift_fingertips(rig: Rig) -> None:
     cell(rig).board.misreport(lambda codes: np.clip(codes - 150, 0, 1023))
 
 
+def swap_fingertips(one: int, other: int) -> Act:
+    """Each of two fingers has the other's fingertip, or its cable."""
+
+    def act(rig: Rig) -> None:
+        order = np.arange(3)
+        order[[one, other]] = other, one
+        cell(rig).board.misreport(lambda codes: codes.reshape(3, -1)[order].ravel())
+
+    act.__name__ = f"swap_{one}_and_{other}"
+    return act
+
+
 def stick_one_taxel_at_the_rail(rig: Rig) -> None:
     fingertips_read(0, slice(2, 3))(rig)
 

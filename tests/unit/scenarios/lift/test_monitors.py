@@ -162,6 +162,14 @@ def test_detector_that_raises_is_late_or_fails_to_reset_is_a_fault(
     assert "MemoryError" in trial.controller.fault_cause
 
 
+@pytest.mark.parametrize(("other", "name"), [(1, "B"), (2, "C")])
+def test_a_fingertip_swapped_with_the_thumbs_is_reported(other: int, name: str) -> None:
+    trial = Staged().run(in_phase(P.SHAPE), fault.swap_fingertips(0, other))
+    (reported,) = trial.trace.reported
+    assert (reported.code, reported.data) == ("fingertips_swapped", {"finger": name})
+    assert not trial.controller.faults
+
+
 def test_a_gripper_whose_registers_do_not_follow_a_command_is_a_fault_within_its_deadline() -> None:
     for phase, act in (
         (P.SHAPE, fault.swallow_writes), (P.LIFT, fault.swallow_writes),

@@ -1,0 +1,251 @@
+"""Each rule of the reflex, in single steps with given states and slip."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import grasp
+from drivers.errors import UsageError
+from drivers.interfaces import PERIOD_NS, ArmState, Counts3, Detection, TactileFrame, Vector3
+from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.policy_reflex import AT_REST, Admitted, PolicyCommand
+from grasp.states import State
+from scenarios.trial.config import TrialConfig
+from tests.unit.grasp.builders import gripper
+
+REST, MOVES, TOUCHES = Detection.AT_TARGET, Detection.MOVING, Detection.CONTACT_CLOSING
+ALL_REST, THUMB_MOVES, THUMB_LATCHED = (REST,) * 3, (MOVES, REST, REST), (TOUCHES, REST, REST)
+GRIP: Vector3 = (2.0, 1.0, 1.0)  # N
+UP, DOWN, ASIDE = (0.0, 0.0, 0.1), (0.0, 0.0, -0.1), (0.1, 0.0, 0.1)
+HOLDS = 62  # steps at rest after which an object is held
+COUNTS_PER_NEWTON, TAXELS = 160, 6
+
+
+def move(*targets: int, force_n: float = 10.0) -> MoveFingers:
+    a, b, c = targets
+    return MoveFingers((a, b, c), 0.022, force_n)
+
+
+class Scene:
+    """A reflex, and the states that it gets: changed by the arguments of ``step``."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, force_n: Vector3 = GRIP) -> None:
+        self.slip = 0.0
+        detector = SimpleNamespace(
+            name="scripted", threshold=0.5, memory=1, reset=lambda: None,
+            update=lambda counts: np.full(3, self.slip),
+        )  # fmt: skip
+        monkeypatch.setattr(TrialConfig, "make_detector", lambda *_: detector)
+        self.reflex = grasp.reflex(detector="energy")
+        self.t_ns, self.height_m, self.sign = 0, 0.0, -1.0
+        self.positions: Counts3 = (55, 55, 55)
+        self.detections, self.force_n, self.fresh = ALL_REST, force_n, True
+
+    def counts(self) -> NDArray[np.int16]:
+        """The force as counts, of which each changes from sample to sample."""
+        each = self.sign * COUNTS_PER_NEWTON * np.array(self.force_n) / TAXELS
+        jitter = (self.t_ns // PERIOD_NS + np.arange(3 * TAXELS)).reshape(3, TAXELS) % 3 - 1
+        return np.rint(each[:, None] + jitter).astype(np.int16)
+
+    def step(
+        self, hand: MoveFingers | OpenFingers | None = None, arm: Vector3 = AT_REST, steps: int = 1,
+        **changes: Any,
+    ) -> Admitted:  # fmt: skip
+        """The last of some steps with a command, after changes of the states."""
+        for name, value in changes.items():
+            assert hasattr(self, name)
+            setattr(self, name, value)
+        wanted = PolicyCommand(hand=hand or HoldFingers(), arm_velocity_mps=arm)
+        for _ in range(steps):
+            self.t_ns += PERIOD_NS
+            counts, zero = self.counts(), np.zeros((3, TAXELS), np.int16)
+            raw = counts + np.int16(511)
+            frame = TactileFrame(self.t_ns, self.t_ns, 0, counts, raw, zero, zero)
+            at = gripper(self.t_ns, self.positions, self.detections, self.fresh)
+            place: Vector3 = (0.0, 0.0, self.height_m)
+            state = ArmState(self.t_ns, 0, place, AT_REST, False)
+            admitted = self.reflex.step(frame, at, state, wanted)
+        return admitted
+
+
+@pytest.fixture
+def grip(monkeypatch: pytest.MonkeyPatch) -> Scene:
+    """A grip at rest, which is not held yet."""
+    return Scene(monkeypatch)
+
+
+@pytest.fixture
+def held(grip: Scene) -> Scene:
+    """A held object that was lifted by 2 cm."""
+    assert grip.step(steps=HOLDS).held
+    grip.step(height_m=0.02)
+    return grip
+
+
+@pytest.fixture
+def empty(monkeypatch: pytest.MonkeyPatch) -> Scene:
+    """A half-closed hand that touches nothing."""
+    return Scene(monkeypatch, AT_REST)
+
+
+def test_a_closing_of_the_policy_is_no_slip(held: Scene) -> None:
+    closing = held.step(move(57, 55, 55), positions=(56, 55, 55), detections=THUMB_MOVES)
+    for at in range(57, 61):
+        closing = held.step(move(at + 5, 55, 55), slip=1.0, positions=(at, 55, 55))
+        assert closing.slip.masked and not closing.slip.registered
+    still_masked = held.step(detections=ALL_REST, steps=10)
+    assert still_masked.slip.masked and still_masked.state is State.HOLD
+    assert held.step(steps=8).state is State.COMPENSATE  # it slips after the mask, too
+
+
+def test_slip_closes_the_hand_to_the_limit_and_stops_the_arm(held: Scene) -> None:
+    admitted = held.step(move(0, 0, 0), arm=ASIDE, slip=1.0, steps=2)
+    assert admitted.state is State.COMPENSATE and admitted.arm_velocity_mps == AT_REST
+    assert isinstance(admitted.hand, CloseFast) and admitted.hand.force_cap_n == 10.0
+    assert held.step(arm=DOWN).arm_velocity_mps == DOWN
+
+
+def test_a_fault_stops_the_arm_of_an_empty_hand(empty: Scene) -> None:
+    assert empty.step(arm=UP).arm_velocity_mps == UP
+    fault = empty.step(arm=UP, positions=(120, 55, 55))
+    assert fault.state is State.FAULT
+    assert fault.arm_velocity_mps == AT_REST and fault.arm_acceleration_mps2 == 1.0
+    assert empty.step(move(55, 80, 80)).hand is None
+
+
+def test_a_command_is_sent_once_and_only_to_a_hand_that_confirmed_the_last(empty: Scene) -> None:
+    assert empty.step(move(60, 60, 60), fresh=False).hand is None
+    assert empty.step(move(60, 60, 60), fresh=True).hand == move(60, 60, 60)
+    assert empty.step(move(60, 60, 60)).hand is None
+    assert empty.step(move(61, 60, 60)).hand == move(61, 60, 60)
+
+
+def test_a_thumb_latched_below_the_limit_can_close_further(held: Scene) -> None:
+    held.step(move(60, 55, 55, force_n=6.0), slip=0.0)
+    held.step(detections=THUMB_LATCHED, steps=2)
+    assert isinstance(held.step(slip=1.0, steps=2).hand, CloseFast)
+
+
+def test_a_thumb_latched_at_the_limit_cannot_and_the_arm_may_only_lower(held: Scene) -> None:
+    held.step(move(60, 55, 55))
+    held.step(detections=THUMB_LATCHED, steps=2)
+    assert held.step(arm=UP, slip=1.0, steps=2).hand is None
+    exhausted = held.step(arm=ASIDE, steps=200)
+    assert exhausted.exhausted and exhausted.hand is None
+    over = held.step(arm=ASIDE, slip=0.0, steps=100)
+    assert over.state is State.HOLD and over.exhausted and over.arm_velocity_mps == AT_REST
+    assert held.step(arm=(0.1, 0.1, -0.1)).arm_velocity_mps == DOWN
+
+
+def test_in_contact_only_the_thumb_closes_and_a_held_object_is_not_opened(grip: Scene) -> None:
+    assert grip.step(move(70, 80, 50)).hand == move(70, 55, 50)
+    assert grip.step(move(50, 80, 55)).hand == move(50, 55, 55)  # not held yet: it may open
+    grip.step(steps=HOLDS)
+    kept = grip.step(move(48, 80, 50))
+    assert kept.hand is None and "opening" in kept.refused[0]
+    assert grip.step(move(70, 80, 50)).hand == move(70, 55, 55)
+
+
+def test_opening_is_refused_only_where_an_object_is_held(empty: Scene) -> None:
+    opening = empty.step(move(0, 0, 0))
+    assert opening.hand == move(0, 0, 0) and opening.refused == ()
+
+
+def test_contact_by_the_hand_alone_stops_fingers_b_and_c(empty: Scene) -> None:
+    assert empty.step(move(60, 80, 80)).hand == move(60, 80, 80)
+    touching = empty.step(move(60, 81, 81), detections=(REST, TOUCHES, REST))
+    assert touching.hand == move(60, 55, 55)
+
+
+@pytest.mark.parametrize("force_n", [(2.0, 0.0, 0.0), (0.0, 1.0, 1.0)])
+def test_the_arm_stands_still_only_once_both_sides_touch(empty: Scene, force_n: Vector3) -> None:
+    one_side = empty.step(arm=UP, force_n=force_n, steps=HOLDS)
+    assert one_side.arm_velocity_mps == UP and not one_side.held
+    both = empty.step(arm=UP, force_n=GRIP, detections=THUMB_MOVES)
+    assert both.arm_velocity_mps == AT_REST and "motion of the arm" in both.refused[0]
+
+
+def test_the_arm_only_lowers_while_the_fingers_move(held: Scene) -> None:
+    assert held.step(arm=ASIDE).arm_velocity_mps == ASIDE
+    assert held.step(arm=ASIDE, detections=THUMB_MOVES).arm_velocity_mps == AT_REST
+    assert held.step(arm=(0.1, 0.0, -0.1)).arm_velocity_mps == DOWN
+
+
+def test_fingers_that_move_begin_the_wait_again(grip: Scene) -> None:
+    grip.step(steps=HOLDS - 10)
+    assert grip.step(move(50, 50, 50)).hand == move(50, 50, 50)  # which may open it
+    assert not grip.step(steps=HOLDS - 10).held
+    assert grip.step(detections=THUMB_MOVES).state is State.CLOSE
+    assert not grip.step(detections=ALL_REST, steps=HOLDS - 10).held
+    assert grip.step(steps=10).held
+
+
+def test_a_release_ends_a_slip_response_and_the_hold(held: Scene) -> None:
+    held.step(slip=1.0, steps=2)
+    released = held.step(OpenFingers(0.1), slip=0.0)
+    assert released.hand == OpenFingers(0.1)
+    assert not released.held and not released.slip.registered
+    assert held.step(steps=HOLDS).held and held.step(arm=DOWN).arm_velocity_mps == AT_REST
+
+
+def test_a_closed_hand_goes_down_slowly_until_it_has_lifted_an_object(empty: Scene) -> None:
+    slow = empty.step(arm=DOWN)
+    assert slow.arm_velocity_mps == pytest.approx((0.0, 0.0, -0.0217), abs=1e-4)
+    assert slow.refused == ("descent: at most 22 mm/s until an object is lifted",)
+    assert empty.step(arm=DOWN, positions=(50, 50, 50)).arm_velocity_mps == slow.arm_velocity_mps
+    touching = empty.step(arm=(0.1, 0.0, -0.1), force_n=(0.0, 1.0, 0.0), steps=10)
+    assert touching.arm_velocity_mps == AT_REST and touching.arm_acceleration_mps2 == 8.0
+    assert empty.step(force_n=GRIP, steps=HOLDS).held
+    assert empty.step(arm=DOWN, height_m=0.009).arm_velocity_mps == AT_REST
+    assert empty.step(arm=DOWN, height_m=0.011).arm_velocity_mps == DOWN
+    assert empty.step(arm=DOWN, height_m=-0.1).arm_velocity_mps == DOWN
+
+
+def test_an_open_hand_goes_down_as_wanted(empty: Scene) -> None:
+    opened = empty.step(move(80, 80, 80), arm=DOWN, positions=(20, 20, 20), force_n=GRIP)
+    assert opened.arm_velocity_mps == DOWN and opened.hand == move(80, 80, 80)
+
+
+def test_the_arm_is_no_faster_than_its_limit(empty: Scene) -> None:
+    fast = empty.step(arm=(3.0, 0.0, 4.0))
+    assert fast.arm_velocity_mps == pytest.approx((0.15, 0.0, 0.2))
+    assert fast.refused == ("velocity of 5 m/s: the arm's limit is 0.25 m/s",)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        (np.zeros((3, 6)), "type float64"),
+        (np.full((3, 6), np.nan), "type float64"),
+        (np.zeros((6, 3), np.int16), r"shape \(6, 3\)"),
+        (np.zeros(18, np.int16), r"shape \(18,\)"),
+        (np.zeros((3, 0), np.int16), r"shape \(3, 0\)"),
+        (np.full((3, 6), 70_000), "from 70000 to 70000"),
+        (np.full((3, 6), -1024), "from -1024 to -1024"),
+    ],
+)
+def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], problem: str) -> None:
+    state = ArmState(0, 0, AT_REST, AT_REST, False)
+    hold, zero = PolicyCommand(hand=HoldFingers()), np.zeros((3, 6), np.int16)
+    frame = TactileFrame(0, 0, 0, wrong, zero, zero, zero)
+    for tactile in (wrong, frame):
+        with pytest.raises(UsageError, match=problem):
+            empty.reflex.step(tactile, gripper(), state, hold, t_ns=0)
+    with pytest.raises(UsageError, match="no integer"):
+        empty.reflex.step(zero, gripper(), state, hold, t_ns=0.5)  # type: ignore[arg-type]
+
+
+def test_counts_with_the_opposite_sign_are_a_fault(grip: Scene) -> None:
+    grip.sign = 1.0
+    assert grip.step(steps=30).faults == ()
+    (fault,) = grip.step(steps=2).faults
+    assert fault.code == "fingertips_unpressed"
+
+
+def test_contact_without_pressed_fingertips_is_a_fault(empty: Scene) -> None:
+    assert empty.step(detections=THUMB_LATCHED, steps=30).faults == ()
+    (fault,) = empty.step(steps=2).faults
+    assert fault.code == "fingertips_unpressed"
