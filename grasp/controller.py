@@ -199,7 +199,9 @@ class GraspController:
         stopped = (f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
         if name := next(compress(FINGER_NAMES, stopped), ""):
             self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
-        elif obs.gripper.requested != self._plan.preshape_counts:  # the thumb is due, or it was lost
+        elif (
+            obs.gripper.requested != self._plan.preshape_counts
+        ):  # the thumb is due, or it was lost
             self._commands.append(self._preshape(obs))
         else:
             self._transition(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())

@@ -28,6 +28,7 @@ def descriptions(name: str, told: dict[str, float], chance: random.Random) -> li
     gain = chance.uniform(*GAIN)
     friction = chance.uniform(*FRICTION_SHARE)
     clamp = chance.random() < 0.5
+    mounted_deg = chance.uniform(-MOUNTED_DEG, MOUNTED_DEG)
     parts = {
         "width": [f"variation.width_error_m={width_mm * 1e-3:.5f}"],
         "mass": _shares(told, ("mass_kg", "added_mass_kg"), chance.uniform(*MASS_SHARE)),
@@ -40,7 +41,7 @@ def descriptions(name: str, told: dict[str, float], chance: random.Random) -> li
             *([] if clamp else ["hand.current_clamp=false"]),
             *(["hand.override_s=0.1"] if chance.random() < 0.5 else []),
         ],
-        "mounting": [f"fingertip.slip_direction_deg={90.0 + chance.uniform(-1, 1) * MOUNTED_DEG:.1f}"],
+        "mounting": [f"fingertip.slip_direction_deg={90.0 + mounted_deg:.1f}"],
     }  # fmt: skip
     found = [Description(what, tuple(world)) for what, world in parts.items()]
     order = chance.choice([(1, 0, 2), (2, 1, 0), (0, 2, 1), (1, 2, 0), (2, 0, 1)])
@@ -101,15 +102,17 @@ def sample_pairs(
     made = pairs()
     chance.shuffle(made)
     found = []
-    for number, (first, second) in zip(range(count), cycle(made), strict=False):
+    for number, faults in zip(range(count), cycle(made), strict=False):
         s, recovers = chance.choice(injected), chance.random() < 0.5
-        first, second = (
-            msgspec.structs.replace(f, what=f"{f.what} {chance.choice('xyz')}")
-            if f.what == "velocity_mps" and f.kind == "close" else f
-            for f in (first, second)
-        )  # fmt: skip
+        first, second = (_of_one_axis(fault, chance) for fault in faults)
         found.append(Case(
             number, *scene, first, s.phase, s.visit, int(chance.choice(SHARES) * s.ticks),
             recovers, second, 0, recovers,
         ))  # fmt: skip
     return found
+
+
+def _of_one_axis(fault: Fault, chance: random.Random) -> Fault:
+    if (fault.what, fault.kind) != ("velocity_mps", "close"):
+        return fault
+    return msgspec.structs.replace(fault, what=f"velocity_mps {chance.choice('xyz')}")
