@@ -42,14 +42,21 @@ class Declared(msgspec.Struct, frozen=True):
 
 DECLARED = (
     Declared(
-        "two fingertips, one on each side, that read the same wrong force look like that force",
-        r"fingertips finger . (sticks high|close|drifts)", frozenset({"grasp.brace"}),
-        frozenset({"misleading"}), r"wider than its file says", lasting=False,
+        "two wrong signals of hand or fingertips that agree look like contact, or like none",
+        r"fingertips finger . (sticks high|close|drifts|frozen)",
+        frozenset({"grasp.brace", "grasp.settle", "grasp.baseline"}),
+        frozenset({"misleading"}), r"wider than its file says|bears nothing|no contact",
+        lasting=False,
     ),
     Declared(
-        "the same as an overload: the hand closes no further, and the outcome reports it",
-        r"fingertips finger . (sticks high|close|drifts)", ANY, frozenset({"missed", "dropped"}),
-        r"^(dropped|cap_reached);",
+        "two wrong fingertips look like an overload, or hide slip; the outcome reports it",
+        r"fingertips finger . (sticks high|close|drifts|frozen)", ANY,
+        frozenset({"missed", "dropped"}), r"^(dropped|cap_reached|undetected|alarm_stayed);",
+        lasting=False,
+    ),
+    Declared(
+        "an arm without a report of its motion counts as arrived in its last half millimetre",
+        r"arm moving missing", ANY, frozenset({"moving"}), r"^held",
     ),
     Declared(
         "an object that slips with the force of the first grasp cannot be held without a closing",

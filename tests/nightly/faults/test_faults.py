@@ -1,6 +1,7 @@
 """A seeded sample of faults at moments of a lift, in virtual time (`make test-faults`).
 
-`make test-faults RUNS=300 SEED=2` makes another sample, of so many cases in each scene.
+`make test-faults RUNS=300 SEED=2` makes another sample, of so many cases in each scene, and as
+many pairs of contradictory signals and wrong descriptions in proportion.
 The complete sample writes results/faults.csv.
 """
 
@@ -15,7 +16,9 @@ import msgspec
 import pytest
 
 from grasp.states import State
+from scenarios.campaign.config import load_config
 from tests.nightly.faults.cases import SCENES, Case, Fault, commands, faults, sample
+from tests.nightly.faults.contradictions import OBJECTS, sample_descriptions, sample_pairs
 from tests.nightly.faults.run import Ended, run, schedule
 from tests.nightly.faults.verdict import fell, problems
 from tests.nightly.last_line import MOST_N
@@ -70,6 +73,22 @@ def test_a_sample_of_faults_ends_well(scene: tuple[str, int], complete: Sample) 
     commanded = [e for e in ended if e.case.fault and e.case.fault.part == "command"]
     assert [str(e.case) for e in commanded if not e.taken] == []
     assert [str(e.case) for e in ended if e.case.safe and not e.taken_safe] == []
+
+
+@pytest.mark.timeout(600 + 30 * RUNS)
+@pytest.mark.parametrize("scene", SCENES, ids=str)
+def test_signals_that_contradict_each_other_end_well(scene: tuple[str, int]) -> None:
+    ended = [run(case) for case in sample_pairs(scene, schedule(*scene), 2 * RUNS + 4, SEED)]
+    assert {str(e.case): found for e in ended if (found := fell(e))} == {}
+
+
+@pytest.mark.timeout(600 + 30 * RUNS)
+@pytest.mark.parametrize("name", OBJECTS)
+def test_wrong_descriptions_end_well(name: str) -> None:
+    body = load_config(name, "simulated").object
+    told = {k: v for k, v in msgspec.structs.asdict(body).items() if isinstance(v, float)}
+    ended = [run(case) for case in sample_descriptions(name, told, max(1, RUNS // 3), SEED)]
+    assert {str(e.case): found for e in ended if (found := fell(e))} == {}
 
 
 def test_a_sample_is_always_the_same_and_has_every_fault() -> None:
