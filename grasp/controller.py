@@ -184,14 +184,14 @@ class GraspController:
         elif max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
             self._fail(obs, "the hand is not open: it could drop or hit an object")
         elif math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
-            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape(obs))
+            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape())
         else:
             move = self._line.move_down(0.0, self._settings.lower_speed_mps)
             self._transition(Trigger.AWAY, obs, "run started", move)
 
     def _home(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stopped_at(obs, 0.0):
-            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape(obs))
+            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape())
 
     def _shape(self, obs: Observation) -> None:
         if not obs.hand_rests or not self._line.stopped_at(obs, 0.0):
@@ -199,10 +199,8 @@ class GraspController:
         stopped = (f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
         if name := next(compress(FINGER_NAMES, stopped), ""):
             self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
-        elif (
-            obs.gripper.requested != self._plan.preshape_counts
-        ):  # the thumb is due, or it was lost
-            self._commands.append(self._preshape(obs))
+        elif obs.gripper.requested != self._plan.shape_counts:  # the command did not arrive
+            self._commands.append(self._preshape())
         else:
             self._transition(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
 
@@ -454,14 +452,9 @@ class GraspController:
         if stop and obs.arm.moving and not obs.pending and self._timer.repeat_due(obs.t_ns):
             self._commands.append(stop)
 
-    def _preshape(self, obs: Observation) -> MoveFingers:
-        """To just short of the object, the thumb once B and C are there: they would push an object
-        wider than stated onto it with twice their force."""
-        s, (a, b, c), (thumb, *others) = (
-            self._settings, self._plan.preshape_counts, obs.gripper.requested
-        )  # fmt: skip
-        targets = (a if others == [b, c] else min(a, thumb), b, c)
-        return MoveFingers(targets, s.approach_speed_mps, s.grip_force_n)
+    def _preshape(self) -> MoveFingers:
+        s = self._settings
+        return MoveFingers(self._plan.shape_counts, s.approach_speed_mps, s.grip_force_n)
 
     def _grip(self, targets: Counts3) -> MoveFingers:
         return MoveFingers(targets, self._settings.grip_speed_mps, self._settings.grip_force_n)

@@ -19,6 +19,13 @@ class GripPlan(msgspec.Struct, frozen=True):
     stiffness: Stiffness  # of the contact between thumb and object
     home: Vector3 | None = None  # of the arm, from an earlier run; None: its present position
 
+    @property
+    def shape_counts(self) -> Counts3:
+        """Before rest counts are taken, the thumb stays open: B and C might push an object wider
+        than stated onto it."""
+        _, b, c = self.preshape_counts
+        return 0, b, c
+
 
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Speeds, heights and durations of a grasp. Values without a source are assumed."""

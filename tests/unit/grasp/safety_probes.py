@@ -107,7 +107,7 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
-    """Move number ``number`` of the fingers: 0 and 1 shape the hand, 2 grasps."""
+    """Move number ``number`` of the fingers: 0 shapes the hand, 1 grasps."""
     d = Driver(**settings)
     d.until(State.BRACE)
     return [c for c in d.commands if isinstance(c, MoveFingers)][number]

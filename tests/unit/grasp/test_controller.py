@@ -22,9 +22,9 @@ from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING,
 def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
     d = Driver()
     d.until(State.BRACE)
-    assert [type(c) for c in d.commands] == [MoveFingers, MoveFingers, BeginRest, MoveFingers]
+    assert [type(c) for c in d.commands] == [MoveFingers, BeginRest, MoveFingers]
     targets = [c.targets_counts for c in d.commands if isinstance(c, MoveFingers)]
-    assert targets == [(0, 40, 40), (25, 40, 40), (25, 55, 55)]  # the thumb comes last
+    assert targets == [(0, 40, 40), (25, 55, 55)]  # the thumb comes last
     assert d.until(State.CLOSE).commands[0].targets_counts == (55, 55, 55)  # the thumb comes last
 
 

@@ -4,6 +4,7 @@ import pytest
 
 from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.states import State
+from scenarios.world.cell import PadWeight
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_monitors import issued_since, thumb_n
@@ -76,11 +77,9 @@ def test_interrupting_before_contact_stops_the_fingers() -> None:
 
 
 def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
-    staged = Staged(
-        "controller.preshape_margin_counts=2", "controller.thumb_back_counts=0",
-        "object.half_width_m=0.0375", made=by_default,
-    )  # fmt: skip
-    trial = staged.run(lambda tick: False, lambda rig: None)
+    staged = Staged(made=by_default)
+    weight = PadWeight(finger="B", newtons=20.0)
+    trial = staged.run(in_phase(State.SHAPE, 0), lambda rig: fault.cell(rig).put_weight(weight))
     assert trial.controller.state is State.FAULT
     assert "taxel" in trial.controller.fault_cause
     assert [c.phase for c in trial.controller.machine.log] == [
