@@ -138,6 +138,7 @@ class ForceGuard:
 
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         """Take the first grasp as the reference of safe travel."""
+        estimated_n = _balanced(estimated_n)
         self._first_grasp = (positions, estimated_n)
         s = self._settings
         if s.travel_bound:
@@ -162,7 +163,7 @@ class ForceGuard:
         if self._first_grasp is None or s.cap_mode == "each_motor":
             return None
         travel = []
-        fingers = zip(*self._first_grasp, state.fingers, estimated_n, strict=True)
+        fingers = zip(*self._first_grasp, state.fingers, _balanced(estimated_n), strict=True)
         for position, first_n, finger, finger_n in fingers:
             closed = max(0, finger.requested_counts - position)
             unexplained_n = finger_n - per_count_n * closed
@@ -254,3 +255,10 @@ class ForceGuard:
         a, b, c = counts_sum
         per_newton = self._settings.counts_per_newton
         return max(0.0, -a / per_newton), max(0.0, -b / per_newton), max(0.0, -c / per_newton)
+
+
+def _balanced(estimated_n: Vector3) -> Vector3:
+    """The estimate, with no finger far above what the other side of the object bears."""
+    a_n, b_n, c_n = estimated_n
+    most_n = a_n + FIRST_FORCE_MARGIN_N
+    return min(a_n, b_n + c_n + FIRST_FORCE_MARGIN_N), min(b_n, most_n), min(c_n, most_n)

@@ -196,13 +196,14 @@ class Reflex:
 
     def __init__(
         self, settings: ControllerSettings, make_step: Callable[[], GraspStep],
-        guard: GuardSettings, most_arm_mps: float,
+        guard: GuardSettings, most_arm_mps: float, least_force_n: float,
     ) -> None:  # fmt: skip
         """``make_step``: makes the parts of one grasp, with a ``ReflexController``.
-        ``most_arm_mps``: limit of the arm's speed, m/s."""
+        ``most_arm_mps``: limit of the arm's speed, m/s. ``least_force_n``: of the hand, N."""
         self._settings = settings
         self._make_step = make_step
         self._limit_n, self._most_arm_mps = guard.force_limit_n, most_arm_mps
+        self._least_n = least_force_n
         self._descent_mps = safe_descent_mps(guard, settings.slip_stop_mps2)
         self.reset()
 
@@ -252,7 +253,7 @@ class Reflex:
         refused: list[str] = []
         if not _is_valid(wanted):
             wanted = PolicyCommand(hand=HoldFingers())
-            refused.append("a value that is out of range or not finite: hand and arm hold")
+            refused.append("a value of another type, out of range or not finite: hand and arm hold")
         opens = _opens(wanted.hand, gripper)
         state = self._controller.state
         releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
@@ -296,14 +297,17 @@ class Reflex:
             refused.append("opening: the object is held, and only OpenFingers releases it")
         if wanted.force_n > self._limit_n:
             refused.append(f"force {wanted.force_n:g} N: the limit is {self._limit_n:g} N")
+        if wanted.force_n < self._least_n:
+            refused.append(f"force {wanted.force_n:g} N: the hand's least is {self._least_n:g} N")
         targets, speed_mps = wanted.targets_counts, wanted.speed_mps
+        force_n = max(wanted.force_n, self._least_n)
         if self._controller.touches(obs):
             targets = _in_contact(targets, gripper, held)
             if targets == gripper.requested:
                 return None
         if any(target > at for target, at in zip(targets, gripper.positions, strict=True)):
             speed_mps = min(speed_mps, self._settings.grip_speed_mps)
-        hand = self._guarded(MoveFingers(targets, speed_mps, wanted.force_n), gripper)
+        hand = self._guarded(MoveFingers(targets, speed_mps, force_n), gripper)
         if isinstance(hand, HoldFingers):
             refused.append("closing: the estimated force is above the limit")
         elif isinstance(hand, MoveFingers):

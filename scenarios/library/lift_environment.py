@@ -3,7 +3,6 @@
 `import grasp.gym` registers it. One step is one control step of 10 ms in virtual time.
 """
 
-from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -11,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
-from drivers.errors import Refused
+from drivers.errors import Refused, UsageError
 from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
 from grasp.commands import MoveFingers
 from grasp.policy_reflex import Admitted, PolicyCommand
@@ -24,6 +23,7 @@ from scenarios.trial.execution import grip_plan
 Floats = NDArray[np.float32]
 TOP_M = 0.25  # highest position of the arm above the grasp
 SPAN_COUNTS = 5  # from a finger's position to its target, at most; assumed
+REST_TRIES = 5  # of rest counts that may be unsteady by chance; assumed
 BRAKE_S = 0.2  # the arm is no faster than its distance from either end over this time
 DROP_REWARD = -100.0
 
@@ -91,11 +91,17 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         self._wait()
         while devices.gripper.state is None or not devices.gripper.state.at_rest:
             self._wait()
-        while not devices.tactile.rest_taken:
+        for tries in range(1, REST_TRIES + 1):
             devices.tactile.begin_rest()
-            with suppress(Refused):  # unsteady by chance: take it again
+            try:
                 while not devices.tactile.rest_taken:
                     self._wait()
+            except Refused as loaded:  # or unsteady by chance: take it again
+                if tries == REST_TRIES:
+                    remedy = "lower object.grip_counts: the object is wider than they say"
+                    raise UsageError(loaded.message, remedy) from loaded
+            else:
+                break
         self._home_m, self._lifted = self.states()[2].position_m[2], False
         hold = PolicyCommand(hand=MoveFingers(preshape, s.grip_speed_mps, self._limit_n))
         admitted = self.reflex.step(*self.states(), hold, t_ns=self._rig.clock.now_ns)

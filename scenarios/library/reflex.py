@@ -6,6 +6,7 @@ from drivers.interfaces import FINGERS
 from grasp.monitors.checks import Monitors
 from grasp.policy_reflex import PolicyArmHistory, Reflex, ReflexController
 from grasp.step import GraspStep
+from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_controller, make_step
 
@@ -25,4 +26,5 @@ def make_reflex(config: TrialConfig) -> Reflex:
         controller = make_controller(config, kind=ReflexController)
         return make_step(config, controller, monitors=monitors, detector=detector)
 
-    return Reflex(config.controller, parts, config.guard, config.arm.max_speed_mps)
+    least_n = calibration(config).least_force_n
+    return Reflex(config.controller, parts, config.guard, config.arm.max_speed_mps, least_n)

@@ -9,7 +9,7 @@ from tests.unit.grasp.builders import observation
 
 TICK = 10_000_000
 CONTACT_N = 0.3
-NOTHING, GRIP = (0.0, 1.0, 1.0), (3.0, 1.0, 1.0)
+NOTHING, GRIP = (0.0, 1.0, 0.0), (3.0, 1.0, 1.0)
 WEAK = (0.1, 0.1, 0.1)
 
 
@@ -26,6 +26,15 @@ def after(
 def test_contact_of_the_thumb_is_lost_after_its_time() -> None:
     assert not after(GRIP, *[NOTHING] * 4).thumb_lost
     assert after(GRIP, *[NOTHING] * 5).thumb_lost
+
+
+def test_thumb_whose_fingertip_shows_nothing_is_not_lost_while_both_others_press_in_the_air() -> (
+    None
+):
+    pressed = (0.0, CONTACT_N, CONTACT_N)
+    assert not after(GRIP, *[pressed] * 9, airborne=True).thumb_lost
+    assert after(GRIP, *[pressed] * 9, airborne=False).thumb_lost
+    assert after(GRIP, *[(0.0, 5.0, 0.0)] * 9, airborne=True).thumb_lost
 
 
 def test_contact_at_any_finger_means_the_object_is_not_lost() -> None:

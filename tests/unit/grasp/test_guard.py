@@ -134,7 +134,7 @@ def test_move_is_bounded_by_position_as_a_closing_is() -> None:
 
 def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
     g = guard(travel_bound=True)
-    g.set_first_grasp((55, 55, 55), (12.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (12.0, 6.0, 6.0))
     admitted = g.admit(close(), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     assert admitted.limits_counts[0] == 55
@@ -245,9 +245,10 @@ def test_safe_travel_is_useful_on_the_can() -> None:
 def test_unexplained_rise_of_force_reduces_the_safe_travel() -> None:
     g = after_first_grasp()
     assert g.safe_travel(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
-    assert g.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
+    assert g.safe_travel(gripper(), (5.9, 2.5, 2.5)) == (57, 58, 58)
+    assert g.safe_travel(gripper(), (15.0, 1.0, 1.0)) == (58, 58, 58)  # by one side alone
     closed = gripper(positions=(57, 55, 55))
-    assert g.safe_travel(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
+    assert g.safe_travel(closed, (5.9, 2.5, 2.5)) == (58, 58, 58)  # by closing, as expected
 
 
 @pytest.mark.parametrize(
@@ -291,6 +292,14 @@ def test_thumb_of_a_full_grip_carries_the_sum_of_both_others(mode: str, grip_n: 
     assert msgspec.structs.replace(GuardSettings(), cap_mode=mode).full_grip_n == grip_n
 
 
+def test_travel_bound_takes_no_reading_of_the_first_grasp_by_one_side_alone() -> None:
+    g = guard(travel_bound=True)
+    g.set_first_grasp((55, 55, 55), (15.0, 1.0, 1.0))
+    assert g.thumb_limit_counts == 58  # as from 3 N
+    g.set_first_grasp((55, 55, 55), (2.0, 15.0, 1.0))
+    assert g.thumb_limit_counts == 59
+
+
 @pytest.mark.parametrize("targets", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
 def test_without_free_counts_no_finger_closes_fast(targets: Counts3) -> None:
     g = guard()
@@ -309,9 +318,9 @@ def test_impossible_overshoot_is_refused_with_the_least_possible_one() -> None:
 
 
 def test_safe_travel_with_an_unexplained_force_ends_at_the_limit() -> None:
-    assert after_first_grasp().safe_travel(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
+    assert after_first_grasp().safe_travel(gripper(), (7.0, 3.0, 3.0)) == (56, 58, 58)
     generous = after_first_grasp(overshoot_n=5.0)  # what the limit alone allows decides
-    assert generous.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
+    assert generous.safe_travel(gripper(), (5.9, 2.5, 2.5)) == (57, 58, 58)
 
 
 def test_thumb_limit_depends_only_on_the_thumb() -> None:

@@ -2,6 +2,7 @@
 API of gymnasium."""
 
 import sys
+from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
@@ -17,6 +18,7 @@ from drivers.errors import ConfigError, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Detection
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.policy_reflex import AT_REST, PolicyCommand
+from grasp.settings import config_dir
 from grasp.states import State
 from scenarios.library.lift_environment import LiftEnvironment
 
@@ -181,6 +183,12 @@ def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
     )
     assert admitted.hand == MoveFingers((60, 60, 60), 0.022, 10.0)
     assert admitted.refused == ("force 60 N: the limit is 10 N",)
+    weak = PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, 2.0))
+    admitted = grasp.reflex(detector="energy").step(
+        counts, gripper, arm, weak, t_ns=env.states()[0].t_ns
+    )
+    assert admitted.hand == MoveFingers((60, 60, 60), 0.022, 10.0)
+    assert admitted.refused == ("force 2 N: the hand's least is 10 N",)
     with pytest.raises(UsageError, match="counts have no time"):
         grasp.reflex().step(counts, gripper, arm, strong)
 
@@ -190,3 +198,12 @@ def test_a_force_limit_that_the_hand_cannot_keep_is_refused() -> None:
         grasp.reflex(force_limit_n=1000.0)
     with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
         grasp.reflex(force_limit_n=5.0)
+
+
+def test_environment_names_an_object_that_is_too_wide_for_its_counts(tmp_path: Path) -> None:
+    can = (config_dir() / "objects/can.toml").read_text(encoding="utf-8")
+    wide = can.replace('name = "can"', 'name = "tin"').replace("0.0356", "0.06")
+    (tmp_path / "tin.toml").write_text(wide, encoding="utf-8")
+    with pytest.raises(UsageError, match="unsteady at rest") as caught:
+        LiftEnvironment(str(tmp_path / "tin.toml")).reset(seed=0)
+    assert "grip_counts" in caught.value.remedy

@@ -32,14 +32,16 @@ def move(*targets: int, force_n: float = 10.0) -> MoveFingers:
 class Scene:
     """A reflex, and the states that it gets: changed by the arguments of ``step``."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, force_n: Vector3 = GRIP) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, force_n: Vector3 = GRIP, limit_n: float = 10.0
+    ) -> None:
         self.slip = 0.0
         detector = SimpleNamespace(
             name="scripted", threshold=0.5, memory=1, reset=lambda: None,
             update=lambda counts: np.full(3, self.slip),
         )  # fmt: skip
         monkeypatch.setattr(TrialConfig, "make_detector", lambda *_: detector)
-        self.reflex = grasp.reflex(detector="energy")
+        self.reflex = grasp.reflex(detector="energy", force_limit_n=limit_n)
         self.t_ns, self.height_m, self.sign = 0, 0.0, -1.0
         self.positions: Counts3 = (55, 55, 55)
         self.detections, self.force_n, self.fresh = ALL_REST, force_n, True
@@ -123,8 +125,12 @@ def test_a_command_is_sent_once_and_only_to_a_hand_that_confirmed_the_last(empty
     assert empty.step(move(61, 60, 60)).hand == move(61, 60, 60)
 
 
-def test_a_thumb_latched_below_the_limit_can_close_further(held: Scene) -> None:
-    held.step(move(60, 55, 55, force_n=6.0), slip=0.0)
+def test_a_thumb_latched_below_the_limit_can_close_further(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    held = Scene(monkeypatch, limit_n=20.0)
+    held.step(steps=HOLDS)
+    held.step(move(60, 55, 55, force_n=12.0), slip=0.0)
     held.step(detections=THUMB_LATCHED, steps=2)
     assert isinstance(held.step(slip=1.0, steps=2).hand, CloseFast)
 
