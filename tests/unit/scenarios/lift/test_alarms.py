@@ -21,11 +21,11 @@ Probabilities = tuple[float, float, float]  # of each finger
 ALARM, QUIET = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector needs more than one finger
 # longest time of each phase: approach and grasp without alarms; 0.1 m up and down, after slip at
-# the top all of it at feel speed, and one step to check for the table (1.1 s); the hold with alarms
+# the top all of it at feel speed, and two checks for the table (1.1 s each); the hold with alarms
 LONGEST_S = {
     State.SHAPE: 1.0, State.TARE: 1.0, State.BRACE: 1.5, State.CLOSE: 2.0, State.SETTLE: 0.5,
     State.BASELINE: 0.5, State.SET_DOWN: 0.1,
-    State.LIFT: 3.0, State.COMPENSATE: 2.5, State.HOLD: 3.0, State.DESCEND: 5.0, State.FEEL: 22.0,
+    State.LIFT: 3.0, State.COMPENSATE: 2.5, State.HOLD: 3.0, State.DESCEND: 5.0, State.FEEL: 23.2,
     State.OPEN: 2.0,
     State.RETREAT: 3.0, State.LOST: 3.1, State.FAULT: 3.1,
 }  # fmt: skip
