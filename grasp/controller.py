@@ -23,6 +23,7 @@ from grasp.slip_response import RESPONSES
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.state_timer import StateTimer
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
+from grasp.touch import Touch
 
 # share of `controller.contact_n` below which a finger bears nothing: 6 standard deviations of an
 # unloaded simulated fingertip
@@ -73,6 +74,8 @@ class GraspController:
         self._run_monitor = RunMonitor(settings, self._timer, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
+        by_touch = settings.first_grasp == "touch"
+        self._touch = Touch(settings, plan.force_cap_n) if by_touch else None
         self._firm = False  # the closing to the force limit has been commanded
         self._loading_steps = 0  # counts that fingers without load have closed further
         # the first finger that bore nothing, and the force at the thumb then
@@ -207,13 +210,21 @@ class GraspController:
     # Grasp
 
     def _tare(self, obs: Observation) -> None:
-        if obs.hand_rests and obs.rest_taken:
+        if not (obs.hand_rests and obs.rest_taken):
+            return
+        if self._touch:
+            first = self._touch.begin(obs)
+            self._transition(Trigger.TARED, obs, "rest counts taken", first)
+        else:
             thumb, _, _ = self._plan.preshape_counts
             _, b, c = self._plan.grip_counts
             self._transition(Trigger.TARED, obs, "rest counts taken", self._grip((thumb, b, c)))
 
     def _brace(self, obs: Observation) -> None:
         """B and C close first, so that only the thumb, which closes last, presses on the object."""
+        if self._touch:
+            self._close_by_touch(obs, self._touch)
+            return
         thumb_n, *others_n = obs.estimated_n
         pressed = min(thumb_n, max(others_n)) >= self._settings.contact_n
         if pressed and not implausible(obs.reported, FINGERTIPS):
@@ -224,6 +235,9 @@ class GraspController:
 
     def _close(self, obs: Observation) -> None:
         """The thumb closes to its position; for a firm grip it then closes to the force limit."""
+        if self._touch and not self._touch.complete:
+            self._close_by_touch(obs, self._touch)
+            return
         if not self._grip_complete(obs):
             return
         cause = "fingers rest at their positions"
@@ -234,6 +248,19 @@ class GraspController:
             cause = "the thumb stopped at the force limit" if self._firm else cause
             self._transition(Trigger.GRIPPED, obs, cause)
             self._reset_detector = True
+
+    def _close_by_touch(self, obs: Observation, touch: Touch) -> None:
+        command = touch.update(obs)
+        commands = () if command is None else (command,)
+        if touch.failed:
+            self._fail(obs, *touch.failed)
+        elif touch.complete:
+            self._transition(Trigger.GRIPPED, obs, "the fingertips feel the first force")
+            self._reset_detector = True
+        elif self.state is State.BRACE and touch.braced:
+            self._transition(Trigger.BRACED, obs, "fingers B and C brace the object", *commands)
+        else:
+            self._commands += commands
 
     def _settle(self, obs: Observation) -> None:
         if not (self._grip_complete(obs) and self._lasted(obs, self._settings.settle_s)):
@@ -467,7 +494,7 @@ class GraspController:
         if self._firm and not obs.gripper.thumb_latched:
             self._fail(obs, "the thumb closed fully and met no object")
             return False
-        if not self._firm and (name := obs.gripper.not_at_target):
+        if not self._firm and not self._touch and (name := obs.gripper.not_at_target):
             self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
             return False
         return True

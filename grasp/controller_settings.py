@@ -30,6 +30,15 @@ class GripPlan(msgspec.Struct, frozen=True):
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Speeds, heights and durations of a grasp. Values without a source are assumed."""
 
+    first_grasp: Annotated[
+        Literal["touch", "counts"],
+        Meta(description="touch: the fingers close until they feel the object, then by counts to "
+             "first_force_n; counts: they close to object.grip_counts (paper, section V-B)"),
+    ] = "counts"  # fmt: skip
+    # the lift experiment is about a grip that is too weak; to carry things, 4 N
+    first_force_n: Annotated[
+        float, Meta(ge=0.5, le=30.0, description="estimated force of a first grasp by touch")
+    ] = 2.0
     # before the grasp the fingers wait short of the grip positions, the thumb further back
     preshape_margin_counts: Annotated[
         int, Meta(ge=2, le=60, description="motor counts short of the grip before the grasp")

@@ -20,7 +20,11 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
+from grasp.grip_measure import GripMeasure
+from grasp.observation import Observation
 
+CLOSED = 255  # counts
+TOUCHED_N = 1.0  # from here on a finger closes by single counts in a first grasp by touch; assumed
 THUMB_ALONE = (True, False, False)
 # Margins of safe travel, both assumed: the contact may be this many times stiffer than stated, and
 # the first grasp this much stronger than estimated
@@ -93,15 +97,21 @@ class ForceGuard:
         stiffness: Stiffness,
         least_speed_mps: float = 0.0,
         free_counts: Counts3 = (0, 0, 0),
+        touch: bool = False,
     ) -> None:
         """``stiffness``: of the object's contact, or the worst case. ``free_counts``: positions up
-        to which the fingers touch nothing, so that closing may be fast.
+        to which the fingers touch nothing, so that closing may be fast. ``touch``: the first grasp
+        is closed by touch, and the stiffness measured in it bounds every closing by position.
 
-        Raises ConfigError if the gripper's least force is above the limit, or if its least speed
-        already causes more overshoot than allowed."""
+        Raises ConfigError if the gripper's least force is above the limit, unless ``touch``, or if
+        its least speed already causes more overshoot than allowed."""
         self._settings = s = settings
         limit_n = s.force_limit_n
-        if least_force_n > limit_n:
+        # the hand's force byte bounds the force only where it can be low enough
+        self._force_n = max(limit_n, least_force_n) if touch else limit_n
+        self._least_speed_mps = least_speed_mps
+        self.grip = GripMeasure(stiffness.newtons_per_count, limit_n) if touch else None
+        if least_force_n > limit_n and not touch:
             raise ConfigError(
                 "guard", "force_limit_n",
                 f"by its calibration the hand cannot close with less than {least_force_n:g} N; the "
@@ -136,8 +146,19 @@ class ForceGuard:
         s = self._settings
         return s.overshoot_n / math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
 
+    def observe(self, obs: Observation, estimated_n: Vector3, responsive: bool) -> None:
+        """Measure the grip, once a sample. ``responsive``: no taxel is saturated or stuck."""
+        if self.grip is not None:
+            closure = obs.gripper.min_closure_counts
+            self.grip.update(obs.t_ns, obs.hand_rests, closure, estimated_n, responsive)
+            self.thumb_limit_counts = self.grip.limit_counts
+
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         """Take the first grasp as the reference of safe travel."""
+        if self.grip is not None:
+            self.grip.begin()
+            self.thumb_limit_counts = self.grip.limit_counts
+            return
         estimated_n = _balanced(estimated_n)
         self._first_grasp = (positions, estimated_n)
         s = self._settings
@@ -204,11 +225,11 @@ class ForceGuard:
         closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
         if closes and self.overloaded(estimated_n):
             return HoldFingers()
-        targets = self._within_travel(command.targets_counts)
+        targets = self._within_travel(command.targets_counts, state, estimated_n)
         return MoveFingers(
             targets_counts=targets,
             speed_mps=self._limited_speed(command.speed_mps, targets, state, estimated_n),
-            force_n=min(command.force_n, self._settings.force_limit_n),
+            force_n=self._limited_force(command.force_n),
         )
 
     def _admit_close(
@@ -217,12 +238,12 @@ class ForceGuard:
         s = self._settings
         if self.overloaded(estimated_n) or (s.travel_bound and self._first_grasp is None):
             return HoldFingers()
-        limits = self._within_travel(command.limits_counts)
+        limits = self._within_travel(command.limits_counts, state, estimated_n)
         closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
         # a finger that holds does not limit the speed
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseFast(
-            force_cap_n=min(command.force_cap_n, s.force_limit_n),
+            force_cap_n=self._limited_force(command.force_cap_n),
             closing=closing,
             limits_counts=limits,
             speed_mps=self._limited_speed(command.speed_mps, moved, state, estimated_n),
@@ -238,15 +259,47 @@ class ForceGuard:
     ) -> float:
         """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``. While
         there is no safe travel, the positions without contact (``free_counts``) take its place."""
-        free = self.safe_travel(state, estimated_n) or self._free_counts
+        if self.grip is None:
+            free = self.safe_travel(state, estimated_n) or self._free_counts
+            slow_mps = self.closing_speed_mps
+        else:
+            end = self.grip.limit_counts
+            free = (state.positions[0] if end is None else end, *state.positions[1:])
+            slow_mps = self._least_speed_mps
         within = all(target <= most for target, most in zip(targets, free, strict=True))
-        return requested_mps if within else min(requested_mps, self.closing_speed_mps)
+        return requested_mps if within else min(requested_mps, slow_mps)
 
-    def _within_travel(self, targets: Counts3) -> Counts3:
-        if self._travel_limits is None:
+    def _limited_force(self, requested_n: float) -> float:
+        """The requested force within the limit; of a hand that cannot close so weakly, its least
+        force, as position bounds it."""
+        if self._force_n > self._settings.force_limit_n:
+            return self._force_n
+        return min(requested_n, self._force_n)
+
+    def _within_travel(
+        self, targets: Counts3, state: GripperState, estimated_n: Vector3
+    ) -> Counts3:
+        ends = self._travel_limits
+        if self.grip is not None:
+            ends = self._touched_ends(state, estimated_n)
+        if ends is None:
             return targets
+        a, b, c = (min(target, end) for target, end in zip(targets, ends, strict=True))
+        return a, b, c
+
+    def _touched_ends(self, state: GripperState, estimated_n: Vector3) -> Counts3:
+        """Last counts of a closing by touch. Before the first grasp, a finger that touches closes
+        by single counts, while one more cannot exceed the limit."""
+        grip = self.grip
+        assert grip is not None  # noqa: S101
+        if grip.limit_counts is not None:
+            a, b, c = state.requested  # no limit makes a finger open
+            return max(a, grip.limit_counts), b + 1, c + 1
+        most_n = max(estimated_n[0], estimated_n[1] + estimated_n[2])
+        more = int(most_n + grip.rise_n <= self._settings.force_limit_n)
         a, b, c = (
-            min(target, end) for target, end in zip(targets, self._travel_limits, strict=True)
+            at + more if n >= TOUCHED_N else CLOSED
+            for at, n in zip(state.positions, estimated_n, strict=True)
         )
         return a, b, c
 

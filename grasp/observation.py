@@ -18,6 +18,7 @@ from drivers.interfaces import (
 )
 from grasp.commands import CloseFast
 from grasp.fault import ARM, GRIPPER, Fault, stale
+from grasp.grip_measure import Reading
 
 NO_SLIP = np.zeros(FINGERS)  # the probabilities of a step without any
 NO_SLIP.flags.writeable = False
@@ -60,6 +61,7 @@ class Observation(StepInput, kw_only=True):
     ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
+    ``reading``, ``rise_n``, ``rise_measured``: of a grip by touch, see ``GripMeasure``.
     ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
     only recorded and shown, and takes longer than the detector itself.
     """
@@ -73,6 +75,9 @@ class Observation(StepInput, kw_only=True):
     last_close: CloseFast | None = None
     safe_travel_counts: Counts3 | None = None
     thumb_limit_counts: int | None = None
+    reading: Reading | None = None
+    rise_n: float | None = None
+    rise_measured: bool = False
     motion: Callable[[], Motion | None] = lambda: None
 
     def device_fault(self, old_ns: float) -> Fault | None:
@@ -121,8 +126,8 @@ class Observation(StepInput, kw_only=True):
         close, thumb = self.last_close, self.gripper.fingers[0]
         if not self.gripper.at_rest:
             return False
-        if self.thumb_limit_counts is not None and thumb.position_counts >= self.thumb_limit_counts:
-            return True
+        if self.thumb_limit_counts is not None:
+            return self.gripper.thumb_latched or thumb.position_counts >= self.thumb_limit_counts
         if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)

@@ -79,6 +79,8 @@ def _add_run(group: Parser) -> None:
     press = group.command("acquire", "press and stroke one fingertip, for labelled slip data", "", (
         "grasp run acquire --surface sphere --direction 45 --seconds 10",))  # fmt: skip
     lift.flag("--keep", "keep holding the object instead of setting it down")
+    lift.option("--force N", "close by touch to this estimated force, N (default: to "
+        "object.grip_counts)", decimal(0.5, 30, "N"))  # fmt: skip
     lift.flag("--first", "first lift of a new setup: slow, with the least force, step by step")
     tap.option("--direction DIR", "top, side (across the closing axis), closing (along it), or "
         "alternate: top and side in turn (default: alternate)")  # fmt: skip

@@ -81,7 +81,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
     lines = [
         args.first and "close the fingers in free air to the grasp positions, and open them again",
         asked and f"ask for {config.object.name} to be put between the fingers",
-        f"close the fingers to {config.object.grip_counts} counts and further, at up to "
+        f"close the fingers {_where(config)} and further, at up to "
         f"{closing_mmps:.0f} mm/s, with at most {limit_n:g} N commanded per finger (byte 0 of this "
         f"hand: {known.least_force_n:g} N)",
         f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
@@ -93,6 +93,12 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
         trials > 1 and f"do this {trials} times, each from the first start position",
     ]  # fmt: skip
     return [line for line in lines if line]
+
+
+def _where(config: Any) -> str:
+    if config.controller.first_grasp == "counts":
+        return f"to {config.object.grip_counts} counts"
+    return f"until the fingertips feel {config.controller.first_force_n:g} N"
 
 
 def press_plan(config: Any, course: Any, seconds: float) -> list[str]:

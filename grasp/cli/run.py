@@ -24,6 +24,9 @@ def run_lift(args: argparse.Namespace) -> int:
         assignments.append(f"tap.direction={args.direction}")
     default = FIRST_OBJECT if args.first else DEFAULT_OBJECT
     object_name = default if args.object is None else args.object
+    if args.scenario == "lift" and args.force is not None:
+        assignments.append(f"controller.first_force_n={args.force:g}")
+        assignments.insert(0, "controller.first_grasp=touch")
     chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)
     if args.dry_run:

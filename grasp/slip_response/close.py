@@ -67,8 +67,9 @@ class SlipResponse:
         return True
 
     def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
-        """Further commands when slip has continued for ``waited_ns``; None if there are none."""
-        return None
+        """Further commands when slip has continued for ``waited_ns``; None if there are none: the
+        next stage, where the force that was read since leaves room."""
+        return None if obs.closing_exhausted or obs.rise_n is None else self._close(obs)
 
     def end(self) -> tuple[Command, ...]:
         """Commands with which the arm continues."""

@@ -6,6 +6,7 @@ from grasp.slip_response.close import SlipResponse
 
 RESUME_MPS2 = 0.5  # greatest acceleration when the arm continues: adds 5 % to the load; assumed
 RESUME_QUIET_NS = 50_000_000  # time without slip before the arm continues; assumed
+PATIENCE_NS = 250_000_000  # longer than a detector needs to see the end of slip; assumed
 NO_EFFECT_PAUSE_S = 1.5  # longest total pause for alarms that no closing ends; assumed
 
 
@@ -51,6 +52,11 @@ class StopAndClose(SlipResponse):
     @property
     def exhausted(self) -> bool:
         return self._no_effect_s >= NO_EFFECT_PAUSE_S
+
+    def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
+        """The next stage; with the arm stopped only where slip outlasts the stop by far."""
+        patience_ns = PATIENCE_NS if self._stopped else 0
+        return None if waited_ns < patience_ns else super().escalate(obs, waited_ns)
 
     def over(self, obs: Observation) -> bool:
         """Whether the response stopped no arm, or the arm rests and slip has long been over."""

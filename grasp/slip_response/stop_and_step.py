@@ -5,11 +5,10 @@ import math
 from grasp.commands import Command, MoveFingers
 from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
-from grasp.slip_response.stop_and_close import StopAndClose
+from grasp.slip_response.stop_and_close import PATIENCE_NS, StopAndClose
 
 STEP_N = 1.5  # force of a step, rounded down to motor counts, at least one; assumed
 MAX_STEPS = 5  # steps in a lift; later slip leads to a closing to the limit; assumed
-STEP_PATIENCE_NS = 250_000_000  # longer than a detector needs to see the end of slip; assumed
 STEP_BELOW_M = 0.03  # no step above this height of the arm: the object is in the air; assumed
 MARGIN_AFTER_M = 0.01  # a force is sufficient once it has carried the object so far; assumed
 
@@ -49,7 +48,9 @@ class StopAndStep(StopAndClose):
         return (*self._stop_arm(obs, rising), self._step_command(obs, steps))
 
     def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
-        if not self._stepping or waited_ns < STEP_PATIENCE_NS:
+        if not self._stepping:
+            return super().escalate(obs, waited_ns)
+        if waited_ns < PATIENCE_NS:
             return None
         self._end_stepping()
         return self._close(obs)
@@ -67,7 +68,7 @@ class StopAndStep(StopAndClose):
         """Whether a step is possible: the object still stands on the table, the arm stops within
         the time of a step, and the thumb and the number of steps allow another one."""
         stops_s = math.hypot(*obs.arm.velocity_mps) / self._settings.slip_stop_mps2
-        low = self._line.height_m(obs) < STEP_BELOW_M and stops_s <= STEP_PATIENCE_NS * 1e-9
+        low = self._line.height_m(obs) < STEP_BELOW_M and stops_s <= PATIENCE_NS * 1e-9
         more = self._steps_taken < MAX_STEPS and not obs.gripper.thumb_latched
         return low and more and self._remaining_counts(obs) >= self._step_counts
 

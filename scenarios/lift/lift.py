@@ -111,6 +111,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
+        by_touch=config.controller.first_grasp == "touch",
         contact_lost=_contact_lost(config, trial),
         lost_at_m=trace.lost_at_m,
         mark=trial.mark,

@@ -75,6 +75,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
+    by_touch: bool = False  # the first force was chosen to hold: neither slip nor an alarm is due
     contact_lost: bool = False  # the run ended in `lost`, without contact of any finger
     lost_at_m: float = 0.0  # greatest height at which the hand lost the object; 0: none, or unknown
 
@@ -85,14 +86,18 @@ def outcome(facts: LiftFacts, body: GraspObject) -> LiftOutcome:
         return LiftOutcome.OVER_FORCE
     if facts.fault:
         return LiftOutcome.FAULT
-    if facts.registered_s is not None and false_start(facts):
+    early = facts.registered_s is not None and false_start(facts)
+    if early and not facts.by_touch:
         return LiftOutcome.FALSE_START
     failed = _not_held(facts)
     if failed is not None:
         return failed
     if facts.registered_s is None:
         slipped = facts.onset_s is not None or (facts.mark is not None and facts.mark.moved_m > 0.0)
-        return LiftOutcome.UNDETECTED if slipped else LiftOutcome.NEVER_SLIPPED
+        if slipped:
+            return LiftOutcome.UNDETECTED
+        if not facts.by_touch:
+            return LiftOutcome.NEVER_SLIPPED
     return _held(slip_distance_m(facts), body)
 
 

@@ -34,6 +34,7 @@ from scenarios.trial.feasibility import (
     check_arm,
     check_grip,
     check_override,
+    check_touch,
     check_waits,
 )
 from scenarios.trial.final_state import FinalState, end_message, final_state
@@ -42,12 +43,14 @@ from scenarios.trial.result import (
     REPORT,
     Bug,
     Failure,
+    GripFound,
     named,
     phase_entries,
     timing_result,
     versions,
 )
 from scenarios.trial.trace import Trace
+from scenarios.world.settings import HALF_APERTURE_M
 from scenarios.world.truth import Truth
 
 INTERNAL_ERROR = "internal_error"  # outcome of a run that an unexpected exception ended
@@ -64,6 +67,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     check_arm(config)
     check_waits(config)
     check_override(config)
+    check_touch(config)
     known = calibration(config)
     guard = ForceGuard(
         msgspec.structs.replace(config.guard, travel_bound=bounded_by_travel(config)),
@@ -71,6 +75,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
         stiffness(config),
         known.least_speed_mps,
         grip_plan(config).preshape_counts,
+        touch=config.controller.first_grasp == "touch",
     )
     if config.controller.firm and config.guard.travel_bound:
         raise ConfigError(
@@ -85,6 +90,9 @@ def make_guard(config: TrialConfig) -> ForceGuard:
 
 def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
     """Finger positions before and at the grasp, and the force limit."""
+    if config.controller.first_grasp == "touch":  # the open hand, and no counts
+        open_hand = (0, 0, 0)
+        return GripPlan(open_hand, open_hand, config.guard.force_limit_n, stiffness(config), home)
     a, b, c = grip = config.object.grip_counts
     margin, back = config.controller.preshape_margin_counts, config.controller.thumb_back_counts
     preshape = (max(0, a - margin - back), max(0, b - margin), max(0, c - margin))
@@ -154,6 +162,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     bug: Bug | None  # the unexpected exception that ended it
     way_out: str  # how to open a hand that was left closed; empty where its cell has ended
     engine: str | None = None  # what computed the network
+    grip: GripFound | None = None  # found by touch
     mark: TapeMark | None = None  # the operator's reading at the top of a lift
 
     @property
@@ -245,6 +254,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "rig": config.rig,
             "detector": config.detector_label,
             "engine": self.engine,
+            "grip": self.grip,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_estimated_n": named(self.trace.peak_estimated_n),
@@ -324,7 +334,26 @@ def run_trial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
         bugs[0] if bugs else None, rig.release_hint,
         engine=getattr(getattr(detector, "engine", None), "name", None),
+        grip=grip_found(config, guard),
     )  # fmt: skip
+
+
+def grip_found(config: TrialConfig, guard: ForceGuard) -> GripFound | None:
+    """What the first grasp found by touch; None without one that was complete."""
+    grip, known = guard.grip, calibration(config)
+    if grip is None or grip.first is None:
+        return None
+    thumb, *others = grip.first.positions
+    closed_m = known.m_per_count * thumb, known.m_per_count * max(others)
+    weak = known.least_force_n <= config.guard.force_limit_n
+    return GripFound(
+        width_m=2.0 * HALF_APERTURE_M - sum(closed_m),
+        nearer_thumb_m=(closed_m[1] - closed_m[0]) / 2.0,
+        first_force_n=grip.first.force_n,
+        stiffness_npm=grip.rise_n / known.m_per_count,
+        stiffness_measured=grip.measured,
+        bound="force byte and travel" if weak else "travel",
+    )
 
 
 def _run_to_end(

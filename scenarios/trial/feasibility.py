@@ -15,6 +15,8 @@ from scenarios.trial.config import TrialConfig
 def bounded_by_travel(config: TrialConfig) -> bool:
     """Whether the guard bounds the travel of a closing, set or by default."""
     guard = config.guard
+    if config.controller.first_grasp == "touch":
+        return False  # by the stiffness measured in the grasp instead
     if guard.travel_bound is not None:
         return guard.travel_bound
     stated = config.object.contact_stiffness_npm is not None
@@ -29,6 +31,7 @@ def check_override(config: TrialConfig) -> None:
     if (
         overrides
         and config.controller.slip_response == "stop_and_step"
+        and config.controller.first_grasp == "counts"
         and not bounded_by_travel(config)
     ):
         raise ConfigError(
@@ -37,6 +40,19 @@ def check_override(config: TrialConfig) -> None:
             "each step of controller.slip_response = stop_and_step could exceed the limit",
             "guard.travel_bound = true, or another controller.slip_response",
         )  # fmt: skip
+
+
+def check_touch(config: TrialConfig) -> None:
+    """Raises ConfigError for settings that a first grasp by touch does not follow."""
+    other = {
+        "firm": config.controller.firm and "controller.firm = false",
+        "cap_mode": config.guard.cap_mode != "every_finger" and "guard.cap_mode = every_finger",
+    }
+    if config.controller.first_grasp == "touch" and (
+        remedy := next(filter(None, other.values()), "")
+    ):
+        problem = "touch closes the thumb alone, to a weak grip"
+        raise ConfigError("controller", "first_grasp", problem, f"{remedy}, or counts")
 
 
 def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
@@ -52,7 +68,7 @@ def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
             f"<= {fastest_mps:.3f}, or a guard.overshoot_n that allows it",
         )
     grip_n = config.controller.grip_force_n
-    if grip_n < known.least_force_n:
+    if grip_n < known.least_force_n and config.controller.first_grasp == "counts":
         raise ConfigError(
             "controller",
             "grip_force_n",

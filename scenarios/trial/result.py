@@ -82,6 +82,27 @@ class Bug(msgspec.Struct, frozen=True):
         return Fault("internal_error", TRIAL, text, REPORT, kind=INTERNAL)
 
 
+class GripFound(msgspec.Struct, frozen=True, kw_only=True):
+    """What a first grasp by touch found, by the calibrations of hand and fingertips. ``bound``:
+    what limits the force of a closing: the travel, or also the force byte."""
+
+    width_m: float
+    nearer_thumb_m: float  # of the object's middle, from that of the open hand
+    first_force_n: float
+    stiffness_npm: float  # force at the thumb per metre of its travel, as last measured
+    stiffness_measured: bool  # False: the value that object or guard state
+    bound: str
+
+    @property
+    def line(self) -> str:
+        """It in one line."""
+        how = "measured" if self.stiffness_measured else "as stated"
+        return (
+            f"found by touch: {self.width_m * 1e3:.0f} mm wide, {self.stiffness_npm:.0f} N/m "
+            f"({how}); first force {self.first_force_n:.1f} N, bounded by {self.bound}"
+        )
+
+
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict of one trial of any experiment.
 
@@ -112,6 +133,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     config_hash: str
     detector_hash: str  # of weights or formula, and rule
     engine: str | None = None  # `compiled` or `onnxruntime`; None for a detector without a network
+    grip: GripFound | None = None  # of a first grasp by touch that was complete
     end: FinalState | None = None  # after a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
     reported: tuple[Fault, ...] = ()  # failed checks that did not end it

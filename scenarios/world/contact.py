@@ -52,7 +52,7 @@ def held_object_radps(body: GraspObject) -> float:
 
 
 def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
-    """Parameter vector (27,) of the compiled laws (index constants P_*)."""
+    """Parameter vector (28,) of the compiled laws (index constants P_*)."""
     out = np.empty(laws.PARAMETER_SIZE)
     out[: laws.P_STIFFNESS] = (
         body.total_kg, body.friction_static, body.friction_kinetic,
@@ -66,7 +66,7 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
     out[laws.P_GROSS_SLIP :] = (
         GROSS_SLIP_MPS, FORCE_RISE_N, GROSS_TURN_RADPS,
         body.inertia_kgm2, body.centre_aside_m, body.centre_above_m,
-        float(level), contact.impact_step_s, contact.normal_loss_s,
+        float(level), contact.impact_step_s, contact.normal_loss_s, contact.table_friction,
     )  # fmt: skip
     return out
 
@@ -81,7 +81,7 @@ def initial_state(present: bool = True) -> Floats:
 
 
 def free_along_closing_axis(p: Floats, state: Floats, normal_n: Floats) -> None:
-    """Give the object its inertia along the closing axis: parameters p (27,), state (50,), normal
+    """Give the object its inertia along the closing axis: parameters p (28,), state (50,), normal
     forces at rest (3,), N."""
     state[laws.HAS_INERTIA], state[laws.LATERAL_SPEED] = 1.0, 0.0
     stiffness = p[laws.P_STIFFNESS : laws.P_STIFFNESS + FINGERS]

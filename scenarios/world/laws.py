@@ -60,8 +60,8 @@ ELEMENT_SIZE = 9
     P_SHAPE, P_HALF_WIDTH, P_HALF_HEIGHT, P_GRIP_HEIGHT, P_BODY_TOP, P_STIFFNESS,
 ) = range(15)  # fmt: skip
 P_GROSS_SLIP, P_FORCE_RISE, P_GROSS_TURN = 18, 19, 20
-P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_IMPACT_STEP, P_LOSS = 21, 22, 23, 24, 25, 26
-PARAMETER_SIZE = 27
+P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_IMPACT_STEP, P_LOSS, P_TABLE = 21, 22, 23, 24, 25, 26, 27
+PARAMETER_SIZE = 28
 NOT_YET = -1.0
 TOP, SIDE, CLOSING = 0, 1, 2  # impact downwards; across; along the closing axis, onto the thumb
 IMPACT_LASTS_S = 0.3  # time from an impact's start with finer steps
@@ -123,18 +123,69 @@ def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, o
         out[i] = min(width - (p[P_APERTURE] - travel[i]), deep) - relaxed
 
 
+@inlined
+def table_hold(p: Floats, s: Floats) -> float:
+    """Greatest force along the closing axis, N, that the friction of the table takes: its share of
+    the weight that the pads do not carry yet."""
+    if p[P_TABLE] == 0.0 or s[HEIGHT] > 0.0:
+        return 0.0
+    carried = abs(s[SHEAR] + s[SHEAR + 1] + s[SHEAR + 2])
+    hold: float = p[P_TABLE] * max(0.0, p[P_MASS] * GRAVITY_MPS2 - carried)
+    return hold
+
+
+@inlined
+def _imbalance(k: Floats, free: Floats, at: float) -> float:
+    """N_A - N_B - N_C, N, of an object at this lateral position; ``free``: compressions at zero."""
+    force: float = k[0] * max(0.0, free[0] + at)
+    for i in range(1, FINGERS):
+        force -= k[i] * max(0.0, free[i] - at)
+    return force
+
+
+@inlined
+def _lateral_with(k: Floats, free: Floats, total: float) -> float:
+    """The lateral position at which the imbalance is ``total``, N, not zero: between the positions
+    at which the pads touch the imbalance is linear, and it only rises."""
+    low, high = -np.inf, np.inf
+    for i in range(FINGERS):
+        at = -free[0] if i == 0 else free[i]
+        if _imbalance(k, free, at) <= total:
+            low = max(low, at)
+        else:
+            high = min(high, at)
+    stiffness, force = 0.0, total
+    for i in range(FINGERS):
+        if (-free[0] <= low) if i == 0 else (free[i] >= high):
+            stiffness += k[i]
+            force += -k[0] * free[0] if i == 0 else k[i] * free[i]
+    return force / stiffness
+
+
 @compiled()
 def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 
     The balance N_A = N_B + N_C is piecewise linear in the lateral position; of B and C the one
-    with the smaller compression loses contact first.
+    with the smaller compression loses contact first. On the table, friction holds the object
+    where it is until the fingers' imbalance exceeds it.
     """
     _free_compressions(p, width, travel, state, out)
     if width < 0.0:
         out[:] = 0.0
         return
     k = p[P_STIFFNESS:]
+    hold = table_hold(p, state)
+    if hold > 0.0:
+        at = state[LATERAL]
+        excess = _imbalance(k, out, at)
+        if abs(excess) > hold:
+            at = _lateral_with(k, out, math.copysign(hold, excess))
+            state[LATERAL] = at
+        out[0] = k[0] * max(0.0, out[0] + at)
+        for i in range(1, FINGERS):
+            out[i] = k[i] * max(0.0, out[i] - at)
+        return
     far, near = (1, 2) if out[1] >= out[2] else (2, 1)
     thumb = k[0] * out[0]
     lateral = (k[far] * out[far] + k[near] * out[near] - thumb) / (k[0] + k[far] + k[near])
@@ -202,14 +253,18 @@ def inertial_normal_forces(
 
 @compiled()
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
-    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m; 0 while a
-    finger touches it."""
+    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m, or the
+    smaller one where the table holds it; 0 while a finger touches it."""
     if max(s[NORMAL], s[NORMAL + 1], s[NORMAL + 2]) > 0.0:
         return 0.0
     width, _ = width_and_slope(p, s[SLIP])
     if s[PRESENT] == 0.0 or width < 0.0:
         return np.inf
-    gap: float = 2 * (p[P_APERTURE] - width) - travel[0] - max(travel[1], travel[2])
+    open_m, others = p[P_APERTURE] - width, max(travel[1], travel[2])
+    if table_hold(p, s) > 0.0:  # it stays where it is
+        nearest: float = min(open_m - travel[0] - s[LATERAL], open_m - others + s[LATERAL])
+        return nearest
+    gap: float = 2 * open_m - travel[0] - others
     return gap
 
 
@@ -652,7 +707,10 @@ def advance(
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         step(p, s, e, h, v_hand, travel, impact, n, work, small)
         _record_events(p, s, t_s + (j + 1) * h)
-    normal_stiffness(p, n, s[HAS_INERTIA] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
+    inertia = s[HAS_INERTIA] * p[P_MASS] / dt_s**2
+    if abs(n[0] - n[1] - n[2]) < table_hold(p, s):
+        inertia = np.inf  # the table holds the object
+    normal_stiffness(p, n, inertia, s[STIFFNESS:])
 
 
 @compiled()

@@ -118,6 +118,10 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     relaxation_fraction: Annotated[
         float, within(0.0, 0.5, "part of the normal force that relaxes")
     ] = 0.1
+    # holds an object where it stands until the fingers push harder; assumed, 0.3-0.6
+    table_friction: Annotated[
+        float, within(0.0, 1.0, "of the object on the table, along the closing axis")
+    ] = 0.0
     step_s: Annotated[float, within(1e-6, 0.05, "longest step of the simulation")] = 5e-4
     impact_step_s: Annotated[float, within(1e-6, 0.05, "longest step during an impact")] = 1e-4
 

@@ -102,7 +102,10 @@ class FakeGuard:
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         self.first_grasps.append((positions, estimated_n))
 
-    thumb_limit_counts = 61
+    thumb_limit_counts, grip = 61, None
+
+    def observe(self, obs: Observation, estimated_n: Vector3, responsive: bool) -> None:
+        pass
 
     def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3:
         return (state.positions[0] + 3, 60, round(estimated_n[0]))

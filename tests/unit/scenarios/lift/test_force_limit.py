@@ -99,8 +99,9 @@ def greedy(config: TrialConfig, commanded_n: float) -> GraspController:
 
 
 def stressed(commanded_n: float, mode: str, bound: bool) -> TrialConfig:
+    first_grasp, mode = ("touch", "every_finger") if mode == "touch" else ("counts", mode)
     base = changed(by_default("hand.activation_s=0.5"), "guard", cap_mode=mode, travel_bound=bound)
-    return changed(base, "controller", grip_force_n=commanded_n)
+    return changed(base, "controller", grip_force_n=commanded_n, first_grasp=first_grasp)
 
 
 _started: dict[tuple[str, bool], checkpoint.Parts] = {}
@@ -115,7 +116,7 @@ def started(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
         detector, controller = FixedDetector(), greedy(config, config.controller.grip_force_n)
         step = GraspStep(detector, controller, make_guard(config))
         loop = ControlLoop(rig.devices, rig.clock, step, config.loop)
-        for _ in range(400 * to_lift):
+        for _ in range(900 * to_lift):
             if loop.tick() and controller.state is State.LIFT:
                 break
         assert (controller.state is State.LIFT) == to_lift
@@ -128,7 +129,7 @@ class GraspUnderStress(RuleBasedStateMachine):
 
     @initialize(
         commanded_n=st.sampled_from([10.0, 10.2, 60.0]),
-        mode=st.sampled_from(["every_finger", "each_motor"]),
+        mode=st.sampled_from(["every_finger", "each_motor", "touch"]),
         bound=st.booleans(),
         to_lift=st.booleans(),
     )

@@ -1,0 +1,119 @@
+"""GripMeasure: force and stiffness of a grip, measured with the fingertips while the hand rests.
+
+The thumb bears B + C, so the grip has two sides. On the table they may differ by its friction on
+the object. The larger side counts for the force, and its largest rise a motor count for the
+stiffness; the smaller side tells whether the object is held at all.
+"""
+
+import math
+
+import msgspec
+
+from drivers.interfaces import Counts3, Vector3
+
+READ_NS = 50_000_000  # rest before a reading: fingertips are 20 to 80 ms late
+IN_GRIP_N = 0.5  # least force of the smaller side for a rise to count as stiffness; assumed
+# A contact stiffens as it is pressed, and a rise is measured with an error: a stage of a closing
+# uses this share of the room that the stiffness predicts. Then the force is read again.
+STAGE_SHARE = 0.7
+SPARE = 1.3  # one count is allowed where so many would fit
+# One finger against an object that the table holds is 1.5 times as stiff as against two fingers
+FREE_SHARE = 2 / 3
+LEAST_SHARE = 0.5  # of the rise on the table, that the first one in the air has at least; assumed
+# Fingertips saturate: the force counts as at least this share of what the first grasp predicts
+LINE_SHARE = 0.9
+
+
+class Reading(msgspec.Struct, frozen=True):
+    """Estimated force at rest."""
+
+    positions: Counts3
+    sides_n: tuple[float, float]  # of the thumb, and of B and C together
+
+    in_air: bool  # the fingers alone hold the object, so that both sides bear the same
+
+    @property
+    def force_n(self) -> float:
+        """Force of the grip. The errors of both sides are partly opposite, so their mean counts;
+        until the lift, the larger one, because the table may hold the object."""
+        return sum(self.sides_n) / 2 if self.in_air else max(self.sides_n)
+
+
+class GripMeasure:
+    """Call ``update`` once a sample. ``rise_n``: force per count, the largest seen in the grip;
+    until there is one, the guess that was given."""
+
+    def __init__(self, guess_n: float, limit_n: float) -> None:
+        self._limit_n = limit_n
+        self._guess_n = self.rise_n = guess_n
+        self.measured = False  # ``rise_n`` is no guess any more
+        self._replaces = False  # the next rise is the first in the air, where no table holds
+        self._since_ns: int | None = None  # since when the hand has rested here
+        self._positions: Counts3 = (0, 0, 0)
+        self.now: Reading | None = None  # at these positions; None while the hand moves
+        self._before: Reading | None = None  # at the positions before
+        self.first: Reading | None = None  # when the first grasp was complete
+        self.limit_counts: int | None = None  # of the thumb, for the next closing
+
+    def update(
+        self, t_ns: int, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool
+    ) -> None:
+        """``responsive``: no taxel is saturated or stuck, so that the fingertips show all rises."""
+        if not rests or positions != self._positions or self._since_ns is None:
+            self._since_ns = t_ns if rests else None
+            self._positions = positions
+            self._before, self.now = self.now or self._before, None
+        if self._since_ns is None or t_ns - self._since_ns < READ_NS:
+            return
+        thumb_n, b_n, c_n = estimated_n
+        first = self.now is None
+        in_air = self.first is not None and responsive
+        self.now = Reading(positions, (thumb_n, b_n + c_n), in_air)
+        if first:
+            self._take_rise(self.now, responsive)
+        if self.first is not None:
+            self._set_limit(self.now)
+
+    def _take_rise(self, now: Reading, responsive: bool) -> None:
+        """Take the rise since the reading before, by the thumb alone: B and C press an object that
+        the table holds more stiffly. The count in which contact begins shows only part of a rise,
+        so both readings must be in the grip."""
+        before = self._before
+        if before is None or min(before.sides_n) < IN_GRIP_N:
+            return
+        (a, *others), (was, *others_were) = now.positions, before.positions
+        if a <= was or others != others_were:
+            return
+        sides = zip(now.sides_n, before.sides_n, strict=True)
+        thumb_n, others_n = ((n - was_n) / (a - was) for n, was_n in sides)
+        rise_n = (thumb_n + others_n) / 2
+        if not now.in_air:
+            rise_n = max(rise_n, FREE_SHARE * max(thumb_n, others_n))
+        if not responsive:  # at least so much
+            rise_n = max(rise_n, self._guess_n)
+        if rise_n <= 0.0:
+            return
+        if self.measured and not self._replaces:
+            rise_n = max(self.rise_n, rise_n)
+        elif self._replaces:
+            rise_n = max(rise_n, LEAST_SHARE * self.rise_n)
+        self.rise_n, self.measured, self._replaces = rise_n, True, False
+
+    def begin(self) -> None:
+        """The first grasp is complete: from now on the thumb's closing has a limit."""
+        self._replaces = True
+        if self.now is not None:
+            self.first = msgspec.structs.replace(self.now, in_air=True)
+            self._set_limit(self.now)
+
+    def _set_limit(self, now: Reading) -> None:
+        force_n = now.force_n
+        if self.first is not None:
+            counts = now.positions[0] - self.first.positions[0]
+            force_n = max(force_n, self.first.force_n + LINE_SHARE * self.rise_n * counts)
+        self.limit_counts = now.positions[0] + self.counts_within(self._limit_n - force_n)
+
+    def counts_within(self, room_n: float) -> int:
+        """Counts of one stage of a closing with so much room to the limit, N; 0 or more."""
+        fit = room_n / self.rise_n
+        return max(math.floor(STAGE_SHARE * fit), int(fit >= SPARE))

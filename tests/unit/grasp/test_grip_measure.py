@@ -1,0 +1,100 @@
+"""Force and stiffness of a grip, from readings at rest."""
+
+import pytest
+
+from drivers.interfaces import Counts3, Vector3
+from grasp.grip_measure import READ_NS, GripMeasure
+
+GUESS_N, LIMIT_N = 1.9, 10.0
+STEP_NS = 10_000_000
+
+
+class Hand:
+    """A hand that closes on a contact and rests after each motion, before a measure."""
+
+    def __init__(self) -> None:
+        self.measure = GripMeasure(GUESS_N, LIMIT_N)
+        self.t_ns = 0
+
+    def at(
+        self, positions: Counts3, sides_n: tuple[float, float], responsive: bool = True
+    ) -> GripMeasure:
+        """Move there, then rest until there is a reading."""
+        thumb_n, others_n = sides_n
+        estimated_n: Vector3 = (thumb_n, others_n / 2, others_n / 2)
+        self._step(False, positions, estimated_n, responsive)
+        for _ in range(READ_NS // STEP_NS + 1):
+            self._step(True, positions, estimated_n, responsive)
+        return self.measure
+
+    def _step(
+        self, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool
+    ) -> None:
+        self.t_ns += STEP_NS
+        self.measure.update(self.t_ns, rests, positions, estimated_n, responsive)
+
+
+def gripped(rise_n: float = 2.0) -> Hand:
+    hand = Hand()
+    hand.at((50, 50, 50), (1.0, 1.0))
+    hand.at((51, 50, 50), (1.0 + rise_n, 1.0 + rise_n))
+    hand.measure.begin()
+    return hand
+
+
+def test_there_is_a_reading_only_after_the_hand_has_rested() -> None:
+    measure = GripMeasure(GUESS_N, LIMIT_N)
+    for k in range(READ_NS // STEP_NS):
+        measure.update(k * STEP_NS, True, (50, 50, 50), (1.0, 0.5, 0.5), True)
+        assert measure.now is None
+    measure.update(READ_NS, True, (50, 50, 50), (1.0, 0.5, 0.5), True)
+    assert measure.now is not None and measure.now.sides_n == (1.0, 1.0)
+    measure.update(READ_NS + STEP_NS, False, (50, 50, 50), (1.0, 0.5, 0.5), True)
+    assert measure.now is None
+
+
+def test_stiffness_is_the_largest_rise_a_count_in_the_grip() -> None:
+    hand = Hand()
+    assert not hand.at((50, 50, 50), (0.2, 0.2)).measured
+    assert not hand.at((51, 50, 50), (1.0, 1.0)).measured  # contact began within this count
+    assert hand.at((52, 50, 50), (2.5, 2.5)).rise_n == pytest.approx(1.5)
+    assert hand.at((53, 50, 50), (3.5, 3.5)).rise_n == pytest.approx(1.5)
+    assert hand.at((55, 50, 50), (8.5, 8.5)).rise_n == pytest.approx(2.5)
+
+
+def test_one_finger_against_an_object_that_the_table_holds_counts_two_thirds() -> None:
+    hand = Hand()
+    hand.at((50, 50, 50), (1.0, 1.0))
+    assert hand.at((51, 50, 50), (4.0, 1.0)).rise_n == pytest.approx(2.0)
+
+
+def test_rise_by_other_fingers_or_with_saturated_taxels_measures_no_lower_stiffness() -> None:
+    hand = Hand()
+    hand.at((50, 50, 50), (1.0, 1.0))
+    assert not hand.at((50, 51, 51), (3.0, 6.0)).measured
+    assert hand.at((51, 51, 51), (3.2, 6.2), responsive=False).rise_n == GUESS_N
+
+
+def test_limit_uses_a_share_of_the_room_and_leaves_a_spare_part_of_a_count() -> None:
+    for rise_n, limit_counts in [(2.0, 53), (3.0, 52), (3.9, 52), (4.0, 51), (0.5, 62)]:
+        # room of 10 - (1 + rise) N, 0.7 of it in whole counts; one count where 1.3 would fit
+        assert gripped(rise_n).measure.limit_counts == limit_counts, rise_n
+
+
+def test_force_counts_as_at_least_what_the_first_grasp_predicts() -> None:
+    hand = gripped()
+    silent = hand.at((54, 50, 50), (3.0, 3.0))  # three counts further, the fingertips show nothing
+    assert silent.limit_counts == 54
+
+
+def test_first_rise_in_the_air_replaces_that_on_the_table_but_not_by_less_than_half() -> None:
+    hand = gripped(3.0)
+    assert hand.at((52, 50, 50), (6.0, 6.0)).rise_n == pytest.approx(2.0)
+    assert hand.at((53, 50, 50), (7.0, 7.0)).rise_n == pytest.approx(2.0)
+    assert gripped(3.0).at((52, 50, 50), (4.5, 4.5)).rise_n == pytest.approx(1.5)
+
+
+def test_no_closing_is_left_without_a_reading_of_the_first_grasp() -> None:
+    measure = GripMeasure(GUESS_N, LIMIT_N)
+    measure.begin()
+    assert measure.limit_counts is None and measure.first is None
