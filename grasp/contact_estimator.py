@@ -47,9 +47,9 @@ class ContactEstimator:
         weight = min(1.0, (t_ns - self._t_ns) / GRIP_NS)
         self.grip_n += weight * (thumb_n(obs) - self.grip_n)
         self._t_ns = t_ns
-        thumb, *others_n = (n >= self._contact_n for n in obs.estimated_n)
+        a_n, b_n, c_n = obs.estimated_n
         # a thumb whose fingertip shows nothing still bears what both others press in the air
-        touches = thumb or (airborne and all(others_n))
+        touches = a_n >= self._contact_n or (airborne and min(b_n, c_n) >= self._contact_n)
         if touches and sum(responsive_n) >= self._contact_n:
             self._thumb_contact_ns = t_ns
         elif airborne:

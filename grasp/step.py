@@ -122,9 +122,8 @@ class GraspStep:
         obs.responsive_n = self._responsive_n
         obs.overloaded = self._guard.overloaded(self._estimated_n)
         obs.last_close = self.last_close
-        responsive = self._monitors.fingertips.all_responsive
-        self._guard.observe(obs, self._estimated_n, responsive)
         if grip := self._guard.grip:
+            self._guard.observe(obs, self._estimated_n, self._monitors.fingertips.all_responsive)
             obs.reading, obs.rise_n, obs.rise_measured = grip.now, grip.rise_n, grip.measured
         obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
         obs.thumb_limit_counts = self._guard.thumb_limit_counts

@@ -165,7 +165,7 @@ class PressHistory:
         a, b, c = pressed = [-sum(row) / len(row) for row in frame.counts.tolist()]
         opened = max(inputs.gripper.positions) <= OPEN_COUNTS
         self._pressed = not opened and (self._pressed or max(pressed) >= PRESSED_COUNTS)
-        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in inputs.gripper.fingers)
+        stopped = Detection.CONTACT_CLOSING in [f.detection for f in inputs.gripper.fingers]
         plausible = opened or self._pressed or not (stopped or min(pressed) <= -LOADED_COUNTS)
         if plausible or self._plausible_ns is None:
             self._plausible_ns = inputs.t_ns

@@ -38,8 +38,8 @@ def overshoot_n(**settings: Any) -> float:
 def safe_travel_counts(first_n: float = 0.0, **settings: Any) -> int:
     """Counts of 2.5 N that the thumb may close at any speed after a first grasp."""
     g = guard(**settings)
-    g.set_first_grasp((0, 0, 0), (first_n, 0.0, 0.0))
-    reach = g.safe_travel(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
+    g.set_first_grasp((0, 0, 0), (first_n, first_n, 0.0))
+    reach = g.safe_travel(gripper(positions=(0, 0, 0)), (first_n, first_n, 0.0))
     assert reach is not None
     return reach[0]
 
