@@ -8,8 +8,6 @@ import random
 from collections.abc import Sequence
 from itertools import cycle
 
-import msgspec
-
 from grasp.states import State
 from tests.nightly.faults.cases import NOT_INJECTED, SHARES, Case, Description, Fault, Stretch
 
@@ -69,10 +67,7 @@ def pairs() -> list[tuple[Fault, Fault]]:
             (pad(finger, "drifts"), pad(other, "sticks high")),
             (pad(finger, "sticks high"), hand(f"gPO{other}", "some off")),
         ]
-    return found + [
-        (Fault("arm", "state", "moving", "missing"), Fault("arm", "state", "velocity_mps", kind))
-        for kind in ("frozen", "close")
-    ]
+    return found
 
 
 def sample_descriptions(name: str, told: dict[str, float], rounds: int, seed: int) -> list[Case]:
@@ -104,15 +99,9 @@ def sample_pairs(
     found = []
     for number, faults in zip(range(count), cycle(made), strict=False):
         s, recovers = chance.choice(injected), chance.random() < 0.5
-        first, second = (_of_one_axis(fault, chance) for fault in faults)
+        first, second = faults
         found.append(Case(
             number, *scene, first, s.phase, s.visit, int(chance.choice(SHARES) * s.ticks),
             recovers, second, 0, recovers,
         ))  # fmt: skip
     return found
-
-
-def _of_one_axis(fault: Fault, chance: random.Random) -> Fault:
-    if (fault.what, fault.kind) != ("velocity_mps", "close"):
-        return fault
-    return msgspec.structs.replace(fault, what=f"velocity_mps {chance.choice('xyz')}")

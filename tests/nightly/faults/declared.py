@@ -55,10 +55,6 @@ DECLARED = (
         lasting=False,
     ),
     Declared(
-        "an arm without a report of its motion counts as arrived in its last half millimetre",
-        r"arm moving missing", ANY, frozenset({"moving"}), r"^held",
-    ),
-    Declared(
         "an object that slips with the force of the first grasp cannot be held without a closing",
         r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),

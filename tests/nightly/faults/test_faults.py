@@ -105,7 +105,7 @@ def changed(end: Ended, **changes: object) -> Ended:
 
 
 def test_lost_stop_in_a_safe_state_is_accepted_if_it_is_reported() -> None:
-    case = Case(0, "can", 0, UNPLUGGED, State.LIFT, 2, 73, False, STOP_LOST, 0, False, safe=True)
+    case = Case(0, "can", 0, UNPLUGGED, State.LIFT, 3, 73, False, STOP_LOST, 0, False, safe=True)
     found = run(case)
     assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
     assert "unstopped" in problems(found) and fell(found) == {}
