@@ -172,7 +172,8 @@ def _explaining(end: Ended) -> list[tuple[Fault, bool]]:
         if fault is None or (fault.part == "command" and not taken):
             continue
         misses = fault.device == "detector" and end.outcome != "fault"
-        shows = case.then is None or fault.part == "command" or misses
+        together = case.then_ticks == 0  # each makes the other plausible, so no line need name it
+        shows = case.then is None or together or fault.part == "command" or misses
         if shows or re.search(DEVICE_WORDS[fault.device], text):
             found.append((fault, ends))
     return found
