@@ -69,14 +69,16 @@ def without_repeats(images: list[bytes]) -> list[bytes]:
 
 def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
     served = serve(active=False)
-    model = served.emulator.model
-    with connect(served).threaded() as gripper:
+    model, client = served.emulator.model, connect(served)
+    with client.threaded() as gripper:
 
         def rest() -> None:
             until(lambda: done(gripper.state) and not model.moving)
             gripper.poll(0)
 
         script(gripper, rest)
+    if client.driver._position_jumped:  # then the driver limits the speed
+        pytest.skip("this machine stalled, so that the emulated fingers jumped")
     assert without_repeats(served.writes) == bytes_in_a_loop()
 
 
