@@ -29,7 +29,6 @@ class Reading(msgspec.Struct, frozen=True):
 
     positions: Counts3
     sides_n: tuple[float, float]  # of the thumb, and of B and C together
-
     in_air: bool  # the fingers alone hold the object, so that both sides bear the same
 
     @property

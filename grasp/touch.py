@@ -12,9 +12,9 @@ from grasp.commands import GripperCommand, HoldFingers, MoveFingers
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 
-# Rise of the estimated force that counts as felt: three times what free motion shows. The contact
-# bit would need a stalled motor, which presses with more than the limit.
-FELT_N = 0.1
+# Rise of the estimated force that counts as contact: three times what free motion shows. The
+# hand's contact bit would need a stalled motor, which presses with more than the limit.
+CONTACT_RISE_N = 0.1
 OPPOSITE_N = 0.5  # rise of B + C by which a thumb with a dead fingertip is felt; assumed
 BRACE_COUNTS = 30  # where B and C wait for an object that they do not meet; assumed
 CLOSED_COUNTS = 240  # software limit of the hand; manual p. 74
@@ -81,7 +81,7 @@ class Touch:
             self.failed = NOTHING, NOTHING_REMEDY
             return None
         _, b_n, c_n = obs.estimated_n
-        if self._step is Step.THUMB and b_n + c_n < FELT_N:
+        if self._step is Step.THUMB and b_n + c_n < CONTACT_RISE_N:
             a, _, _ = obs.gripper.requested
             return self._move(obs, Step.OTHERS, (a, CLOSED_COUNTS, CLOSED_COUNTS))
         self._step, self._silent = Step.COUNTS, 0
@@ -100,8 +100,8 @@ class Touch:
         """Whether a finger that moves feels the object, or presses it onto the other side."""
         a_n, b_n, c_n = (n - was for n, was in zip(obs.estimated_n, self._zero_n, strict=True))
         if self._step is Step.THUMB:
-            return a_n >= FELT_N or b_n + c_n >= OPPOSITE_N
-        return max(b_n, c_n) >= FELT_N or a_n >= OPPOSITE_N
+            return a_n >= CONTACT_RISE_N or b_n + c_n >= OPPOSITE_N
+        return max(b_n, c_n) >= CONTACT_RISE_N or a_n >= OPPOSITE_N
 
     def _close_by_counts(self, obs: Observation) -> GripperCommand | None:
         """The finger that feels too little by one count, from a reading at rest; None until there

@@ -25,6 +25,9 @@ def run_lift(args: argparse.Namespace) -> int:
     default = FIRST_OBJECT if args.first else DEFAULT_OBJECT
     object_name = default if args.object is None else args.object
     if args.scenario == "lift" and args.force is not None:
+        if args.first:
+            problem = "--first closes to the counts of the object's file, and --force by touch"
+            raise UsageError(problem, "use one of them")
         assignments.append(f"controller.first_force_n={args.force:g}")
         assignments.insert(0, "controller.first_grasp=touch")
     chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)

@@ -89,6 +89,11 @@ def test_a_named_object_is_lifted_also_in_a_first_lift(monkeypatch: pytest.Monke
     assert loaded == ["can", "foam", "can", "ball"]
 
 
+def test_first_lift_is_not_by_touch(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "lift", "--first", "--force", "3"]) == 2
+    assert "use one of them" in capsys.readouterr().err
+
+
 def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:
     """The hand is checked after all devices are opened."""
     cell, hand = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
