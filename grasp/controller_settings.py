@@ -31,21 +31,16 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     """Speeds, heights and durations of a grasp. Values without a source are assumed."""
 
     first_grasp: Annotated[
-        Literal["touch", "counts"],
+        Literal["touch", "counts"] | None,
         Meta(description="touch: the fingers close until they feel the object, then by counts to "
-             "first_force_n; counts: they close to object.grip_counts (paper, section V-B)"),
-    ] = "counts"  # fmt: skip
+             "first_force_n; counts: they close to object.grip_counts (paper, section V-B); null: "
+             "touch in `grasp run lift`, `grasp.lift` and ROS, unless the grip is firm or "
+             "guard.cap_mode is each_motor; elsewhere counts"),
+    ] = None  # fmt: skip
     # the lift experiment is about a grip that is too weak; to carry things, 4 N
     first_force_n: Annotated[
         float, Meta(ge=0.5, le=30.0, description="estimated force of a first grasp by touch")
     ] = 2.0
-    # before the grasp the fingers wait short of the grip positions, the thumb further back
-    preshape_margin_counts: Annotated[
-        int, Meta(ge=2, le=60, description="motor counts short of the grip before the grasp")
-    ] = 15
-    thumb_back_counts: Annotated[
-        int, Meta(ge=0, le=100, description="motor counts that the thumb waits further back")
-    ] = 15
     approach_speed_mps: Annotated[
         float, Meta(ge=0.022, le=0.11, description="finger speed in free air")
     ] = 0.11

@@ -52,6 +52,7 @@ class GripMeasure:
         self.now: Reading | None = None  # at these positions; None while the hand moves
         self._before: Reading | None = None  # at the positions before
         self.first: Reading | None = None  # when the first grasp was complete
+        self.lifted: Reading | None = None  # the last one in the air, of both sides
         self.limit_counts: int | None = None  # of the thumb, for the next closing
 
     def update(
@@ -70,6 +71,8 @@ class GripMeasure:
         self.now = Reading(positions, (thumb_n, b_n + c_n), in_air)
         if first:
             self._take_rise(self.now, responsive)
+        if in_air and min(self.now.sides_n) >= IN_GRIP_N:
+            self.lifted = self.now
         if self.first is not None:
             self._set_limit(self.now)
 

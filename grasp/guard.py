@@ -65,12 +65,6 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     tip_mass_kg: Annotated[
         float, Meta(ge=0.001, le=5.0, description="moving mass of finger and motor at the tip")
     ] = 0.1
-    # `travel_bound`: closing ends where force of the first grasp + stiffness x travel is the limit
-    travel_bound: Annotated[
-        bool | None,
-        Meta(description="closing also stops where the stiffness predicts the limit; null: if the "
-             "object states its stiffness, the grip is weak and the thumb closes alone"),
-    ] = None  # fmt: skip
     counts_per_newton: Annotated[
         float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
     ] = 160.0
@@ -98,10 +92,13 @@ class ForceGuard:
         least_speed_mps: float = 0.0,
         free_counts: Counts3 = (0, 0, 0),
         touch: bool = False,
+        travel_bound: bool = False,
     ) -> None:
         """``stiffness``: of the object's contact, or the worst case. ``free_counts``: positions up
         to which the fingers touch nothing, so that closing may be fast. ``touch``: the first grasp
         is closed by touch, and the stiffness measured in it bounds every closing by position.
+        ``travel_bound``: closing ends where force of the first grasp + stiffness x travel is the
+        limit; only with `every_finger`.
 
         Raises ConfigError if the gripper's least force is above the limit, unless ``touch``, or if
         its least speed already causes more overshoot than allowed."""
@@ -128,12 +125,13 @@ class ForceGuard:
                 f"guard.overshoot_n >= {least_n:.2f}",
             )  # fmt: skip
         self._stiffness = stiffness
+        self._travel_bound = travel_bound
         self._free_counts = free_counts
         self._first_grasp: tuple[Counts3, Vector3] | None = None
         # With ``travel_bound``, from the first grasp on: positions at which the fingers' force
         # reaches the limit at the stated stiffness, rounded down to motor counts
         self._travel_limits: Counts3 | None = None
-        # the thumb's, beyond which it may not close; None with `each_motor`
+        # the thumb's, beyond which it may not close
         self.thumb_limit_counts: int | None = None
 
     @property
@@ -161,14 +159,13 @@ class ForceGuard:
             return
         estimated_n = _balanced(estimated_n)
         self._first_grasp = (positions, estimated_n)
-        s = self._settings
-        if s.travel_bound:
+        if self._travel_bound:
             a, b, c = (
-                position + self._stiffness.counts_within(s.force_limit_n - force_n)
+                position + self._stiffness.counts_within(self._settings.force_limit_n - force_n)
                 for position, force_n in zip(positions, estimated_n, strict=True)
             )
             self._travel_limits = a, b, c
-            self.thumb_limit_counts = a if s.cap_mode == "every_finger" else None
+            self.thumb_limit_counts = a
 
     def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3 | None:
         """Safe travel: the position of each finger, motor counts, up to which closing may be fast.
@@ -236,7 +233,7 @@ class ForceGuard:
         self, command: CloseFast, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
         s = self._settings
-        if self.overloaded(estimated_n) or (s.travel_bound and self._first_grasp is None):
+        if self.overloaded(estimated_n) or (self._travel_bound and self._first_grasp is None):
             return HoldFingers()
         limits = self._within_travel(command.limits_counts, state, estimated_n)
         closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing

@@ -79,8 +79,8 @@ def _add_run(group: Parser) -> None:
     press = group.command("acquire", "press and stroke one fingertip, for labelled slip data", "", (
         "grasp run acquire --surface sphere --direction 45 --seconds 10",))  # fmt: skip
     lift.flag("--keep", "keep holding the object instead of setting it down")
-    lift.option("--force N", "close by touch to this estimated force, N (default: to "
-        "object.grip_counts)", decimal(0.5, 30, "N"))  # fmt: skip
+    lift.option("--force N", "estimated force of the first grasp, N (default: 2)",
+                decimal(0.5, 30, "N"))  # fmt: skip
     lift.flag("--first", "first lift of a new setup: slow, with the least force, step by step")
     tap.option("--direction DIR", "top, side (across the closing axis), closing (along it), or "
         "alternate: top and side in turn (default: alternate)")  # fmt: skip
@@ -91,7 +91,8 @@ def _add_run(group: Parser) -> None:
     press.option("--speed MPS", "speed of a stroke, m/s", decimal(0.004, 0.2, "m/s"), default=0.05)
     press.option("--seconds S", "length of the recording, s", decimal(1, 3600, "s"), default=20.0)
     press.set_defaults(view=False)
-    lift.option("--object NAME", f"{OBJECT_HELP} (default: can, with --first: foam)")
+    lift.option("--object NAME", f"{OBJECT_HELP} (default: can, on real devices "
+        "an unnamed object; with --first: foam)")  # fmt: skip
     share(tap, "object")
     for name, parser in (("lift", lift), ("tap", tap)):
         share(parser, "profile detector")
@@ -115,7 +116,8 @@ def _add_ros(root: Parser) -> None:
         "--confirm-motion"), section=TRY)  # fmt: skip
     ros.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
     ros.option("--pace", "of the simulated rig", choices=("real", "max"), default="real")
-    share(ros, "object profile detector rig seed config set confirm")
+    ros.option("--object NAME", f"{OBJECT_HELP} (default: as `grasp run lift`)")
+    share(ros, "profile detector rig seed config set confirm")
 
 
 def _add_recordings(root: Parser) -> None:

@@ -96,7 +96,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 
 def _where(config: Any) -> str:
-    if config.controller.first_grasp == "counts":
+    if config.controller.first_grasp != "touch":
         return f"to {config.object.grip_counts} counts"
     return f"until the fingertips feel {config.controller.first_force_n:g} N"
 

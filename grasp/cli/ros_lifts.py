@@ -14,7 +14,7 @@ from grasp.cli.child import Child
 from grasp.cli.detector import check_weights
 from grasp.cli.lab import motion_permit
 from grasp.settings import is_path, names
-from scenarios.campaign.config import load_config
+from scenarios.campaign.config import load_lift
 from scenarios.rigs.calibration import config_files
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.execution import make_guard
@@ -131,7 +131,8 @@ class Lifts:
         args, seed = self._args, self._args.seed + self._started
         self._started += 1
         words = ["run", "lift", "--json", "--rig", args.rig, "--pace", args.pace]
-        words += ["--object", goal.object or args.object, "--runs", str(args.runs)]
+        words += ["--runs", str(args.runs)]
+        words += ["--object", name] if (name := goal.object or args.object) else []
         words += ["--profile", goal.profile or args.profile, "--seed", str(seed)]
         words += ["--detector", args.detector] if args.detector else []
         words += [word for file in args.config or () for word in ("--config", str(file))]
@@ -143,7 +144,7 @@ class Lifts:
         for file in (*config_files(args.config), *map(Path, filter(is_path, [args.rig]))):
             if file.exists() and not file.is_file():  # reading a pipe may never end
                 raise ConfigError(str(file), "-", "is no regular file", "one that stays readable")
-        return load_config(
-            goal.object or str(args.object), args.rig, args.detector, args.config, args.set,
+        return load_lift(
+            goal.object or args.object, args.rig, args.detector, args.config, args.set,
             goal.profile or args.profile,
         )  # fmt: skip

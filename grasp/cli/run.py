@@ -9,29 +9,29 @@ from grasp.cli import exits
 from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
 from grasp.cli.lab import motion_permit, say, warn_of_height, warn_of_mode, warn_of_slow_arm
 from grasp.cli.output import show
-from scenarios.campaign.config import load_config
+from scenarios.campaign.config import load_config, load_lift
 from scenarios.rigs.calibration import describe_calibration
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.layers import trial_layers
 
-DEFAULT_OBJECT, FIRST_OBJECT = "can", "foam"  # of a lift; with --first, the softest
+FIRST_OBJECT = "foam"  # with --first, the softest
 
 
 def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
-    default = FIRST_OBJECT if args.first else DEFAULT_OBJECT
-    object_name = default if args.object is None else args.object
+    object_name = FIRST_OBJECT if args.first and args.object is None else args.object
     if args.scenario == "lift" and args.force is not None:
         if args.first:
             problem = "--first closes to the counts of the object's file, and --force by touch"
             raise UsageError(problem, "use one of them")
         assignments.append(f"controller.first_force_n={args.force:g}")
         assignments.insert(0, "controller.first_grasp=touch")
-    chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)
-    config = load_config(*chosen)
+    others = (args.rig, args.detector, args.config, assignments, args.profile)
+    by_touch = args.scenario == "lift" and not args.first
+    config = load_lift(object_name, *others) if by_touch else load_config(object_name, *others)
     if args.dry_run:
         _check_real(config)
         from grasp.cli.plans import dry_run
@@ -64,7 +64,7 @@ def run_lift(args: argparse.Namespace) -> int:
     def begin() -> None:
         if not args.json and (rule := rule_of_weights(config)):
             print(rule)
-        warn_of_untuned_rule(config, trial_layers(*chosen))
+        warn_of_untuned_rule(config, trial_layers(object_name or "can", *others))
 
     scenario = EXPERIMENTS[args.scenario].select(config)
     return run_trials(args, scenario, permit, begin)

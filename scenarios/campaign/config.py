@@ -1,11 +1,14 @@
 """Settings of a lift or a tap, and their loading."""
 
 from collections.abc import Sequence
+from typing import Any
+
+import msgspec
 
 from grasp.settings import load
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.calibration import Files, user_layers
-from scenarios.rigs.config import part
+from scenarios.rigs.config import HARDWARE, part
 from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.layers import check_read, trial_layers
@@ -37,6 +40,20 @@ def load_config(
     config = load(RunConfig, layers)
     own = user_layers(files, assignments)
     check_read(config.rule, config.controller, own, config.detector_name)
+    return config
+
+
+def load_lift(object_name: str | None, *others: Any) -> RunConfig:
+    """Settings of a single lift, as ``load_config``, whose first grasp is by touch where nothing
+    else is set. Without ``object_name``: the can, on real devices any object."""
+    config, replace = load_config(object_name or "can", *others), msgspec.structs.replace
+    weak = not config.controller.firm and config.guard.cap_mode == "every_finger"
+    if config.controller.first_grasp is None and weak:
+        config = replace(config, controller=replace(config.controller, first_grasp="touch"))
+    by_touch = config.controller.first_grasp == "touch"
+    if object_name is None and by_touch and config.rig == HARDWARE and config.object.name == "can":
+        unknown = {"name": "unnamed", "description": "", "contact_stiffness_npm": None}
+        config = replace(config, object=replace(config.object, **unknown, long_body=False))
     return config
 
 

@@ -3,7 +3,7 @@
 import os
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from grasp.fault import INTERRUPTED
 from grasp.policy_reflex import Reflex
 from grasp.settings import file_of
 from scenarios.campaign import run as campaign_runner
-from scenarios.campaign.config import RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config, load_lift
 from scenarios.campaign.spec import read_spec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import summarize
@@ -81,7 +81,8 @@ def lift(
         BadFile: for a detector that cannot be loaded.
         KeyboardInterrupt: for Ctrl-C.
     """
-    chosen = _config(object, rig, seed, detector, profile, config, settings).for_lift()
+    named = (object, rig, seed, detector, profile, config, settings)
+    chosen = _config(*named, loads=load_lift).for_lift()
     folder = _folder(runs)
     with tell_of_compilation(_say):
         result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
@@ -239,6 +240,7 @@ def _config(
     profile: str,
     config: File | Sequence[File] | None,
     settings: Settings | None,
+    loads: Callable[..., RunConfig] = load_config,
 ) -> RunConfig:
     """Resolved settings; raises UsageError for a rig with real devices, or a value of a wrong
     type."""
@@ -249,7 +251,7 @@ def _config(
     _check_number("seed", seed)
     given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
     files = [_path("config", file) for file in given if file is not None]
-    chosen = _load(name, rig, detector, files, _assignments(settings), profile)
+    chosen = _load(name, rig, detector, files, _assignments(settings), profile, loads=loads)
     if chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"
@@ -257,10 +259,10 @@ def _config(
     return chosen
 
 
-def _load(*named: Any) -> RunConfig:
+def _load(*named: Any, loads: Callable[..., RunConfig] = load_config) -> RunConfig:
     """As ``load_config``; an error names the argument `settings`, not the option."""
     try:
-        return load_config(*named)
+        return loads(*named)
     except ConfigError as error:
         file, *rest = error.args
         raise ConfigError("settings" if file == "--set" else file, *rest) from None

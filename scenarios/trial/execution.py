@@ -10,7 +10,7 @@ import msgspec
 
 from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_reader
-from drivers.errors import ConfigError, GraspError, counted
+from drivers.errors import GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
 from grasp.contact_estimator import Stiffness
@@ -55,6 +55,9 @@ from scenarios.world.truth import Truth
 
 INTERNAL_ERROR = "internal_error"  # outcome of a run that an unexpected exception ended
 
+# Before a grasp at given counts the fingers wait short of it, the thumb further back; assumed
+PRESHAPE_COUNTS, THUMB_BACK_COUNTS = 15, 15
+
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
 # the experiment's part of a control step; True: set the object down
@@ -70,20 +73,14 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     check_touch(config)
     known = calibration(config)
     guard = ForceGuard(
-        msgspec.structs.replace(config.guard, travel_bound=bounded_by_travel(config)),
+        config.guard,
         known.least_force_n,
         stiffness(config),
         known.least_speed_mps,
         grip_plan(config).preshape_counts,
         touch=config.controller.first_grasp == "touch",
+        travel_bound=bounded_by_travel(config),
     )
-    if config.controller.firm and config.guard.travel_bound:
-        raise ConfigError(
-            "guard",
-            "travel_bound",
-            "is true, but a firm grip (controller.firm) closes before the travel bound exists",
-            "guard.travel_bound = false, or controller.firm = false",
-        )
     check_grip(config, guard)
     return guard
 
@@ -94,8 +91,8 @@ def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
         open_hand = (0, 0, 0)
         return GripPlan(open_hand, open_hand, config.guard.force_limit_n, stiffness(config), home)
     a, b, c = grip = config.object.grip_counts
-    margin, back = config.controller.preshape_margin_counts, config.controller.thumb_back_counts
-    preshape = (max(0, a - margin - back), max(0, b - margin), max(0, c - margin))
+    thumb = max(0, a - PRESHAPE_COUNTS - THUMB_BACK_COUNTS)
+    preshape = thumb, max(0, b - PRESHAPE_COUNTS), max(0, c - PRESHAPE_COUNTS)
     return GripPlan(preshape, grip, config.guard.force_limit_n, stiffness(config), home)
 
 
@@ -350,8 +347,9 @@ def grip_found(config: TrialConfig, guard: ForceGuard) -> GripFound | None:
         width_m=2.0 * HALF_APERTURE_M - sum(closed_m),
         nearer_thumb_m=(closed_m[1] - closed_m[0]) / 2.0,
         first_force_n=grip.first.force_n,
+        sides_n=(grip.lifted or grip.first).sides_n,
         stiffness_npm=grip.rise_n / known.m_per_count,
-        stiffness_measured=grip.measured,
+        stiffness_measured=grip.rise_n != stiffness(config).newtons_per_count,
         bound="force byte and travel" if weak else "travel",
     )
 

@@ -13,14 +13,11 @@ from scenarios.trial.config import TrialConfig
 
 
 def bounded_by_travel(config: TrialConfig) -> bool:
-    """Whether the guard bounds the travel of a closing, set or by default."""
-    guard = config.guard
-    if config.controller.first_grasp == "touch":
-        return False  # by the stiffness measured in the grasp instead
-    if guard.travel_bound is not None:
-        return guard.travel_bound
+    """Whether the guard bounds the travel of a closing by the stiffness that the object states. By
+    touch, the stiffness measured in the grasp bounds it instead."""
+    weak = not config.controller.firm and config.guard.cap_mode == "every_finger"
     stated = config.object.contact_stiffness_npm is not None
-    return stated and not config.controller.firm and guard.cap_mode == "every_finger"
+    return stated and weak and config.controller.first_grasp != "touch"
 
 
 def check_override(config: TrialConfig) -> None:
@@ -31,14 +28,15 @@ def check_override(config: TrialConfig) -> None:
     if (
         overrides
         and config.controller.slip_response == "stop_and_step"
-        and config.controller.first_grasp == "counts"
+        and config.controller.first_grasp != "touch"
         and not bounded_by_travel(config)
     ):
         raise ConfigError(
             "hand", "override_s",
             f"the hand overrides its force setting for {config.hand.override_s:g} s at each start: "
             "each step of controller.slip_response = stop_and_step could exceed the limit",
-            "guard.travel_bound = true, or another controller.slip_response",
+            "controller.first_grasp = touch, object.contact_stiffness_npm, or another "
+            "controller.slip_response",
         )  # fmt: skip
 
 
@@ -68,7 +66,7 @@ def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
             f"<= {fastest_mps:.3f}, or a guard.overshoot_n that allows it",
         )
     grip_n = config.controller.grip_force_n
-    if grip_n < known.least_force_n and config.controller.first_grasp == "counts":
+    if grip_n < known.least_force_n and config.controller.first_grasp != "touch":
         raise ConfigError(
             "controller",
             "grip_force_n",

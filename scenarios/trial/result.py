@@ -82,6 +82,9 @@ class Bug(msgspec.Struct, frozen=True):
         return Fault("internal_error", TRIAL, text, REPORT, kind=INTERNAL)
 
 
+UNLIKE = 1.6  # ratio of the sides' readings that wrong counts per newton explain; assumed
+
+
 class GripFound(msgspec.Struct, frozen=True, kw_only=True):
     """What a first grasp by touch found, by the calibrations of hand and fingertips. ``bound``:
     what limits the force of a closing: the travel, or also the force byte."""
@@ -89,17 +92,23 @@ class GripFound(msgspec.Struct, frozen=True, kw_only=True):
     width_m: float
     nearer_thumb_m: float  # of the object's middle, from that of the open hand
     first_force_n: float
+    # estimated, of the thumb and of B and C together, which are equal in truth: once in the air
+    sides_n: tuple[float, float]
     stiffness_npm: float  # force at the thumb per metre of its travel, as last measured
-    stiffness_measured: bool  # False: the value that object or guard state
+    stiffness_measured: bool  # False: the value of object or guard, which is more
     bound: str
 
     @property
     def line(self) -> str:
         """It in one line."""
-        how = "measured" if self.stiffness_measured else "as stated"
+        how = "measured" if self.stiffness_measured else "assumed"
+        thumb_n, others_n = self.sides_n
+        unlike = max(thumb_n, others_n) > UNLIKE * min(thumb_n, others_n)
+        wrong = f"; A reads {thumb_n:.1f} N, B + C {others_n:.1f} N: calibrate each finger"
         return (
             f"found by touch: {self.width_m * 1e3:.0f} mm wide, {self.stiffness_npm:.0f} N/m "
             f"({how}); first force {self.first_force_n:.1f} N, bounded by {self.bound}"
+            f"{wrong if unlike else ''}"
         )
 
 

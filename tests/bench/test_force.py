@@ -22,11 +22,14 @@ CASES = [
     ("guard.overshoot_n=0.35", ("guard.overshoot_n=0.35",)),
     ("start-up override 30 N for 0.1 s", ("hand.override_s=0.1", "hand.override_n=30")),
     (
-        "same, travel_bound",
-        ("hand.override_s=0.1", "hand.override_n=30", "guard.travel_bound=true"),
+        "same, stiffness stated",
+        ("hand.override_s=0.1", "hand.override_n=30", "object.contact_stiffness_npm=2500"),
     ),
     ("no current clamp", ("hand.current_clamp=false",)),
-    ("no current clamp, travel_bound", ("hand.current_clamp=false", "guard.travel_bound=true")),
+    (
+        "no current clamp, stiffness stated",
+        ("hand.current_clamp=false", "object.contact_stiffness_npm=2500"),
+    ),
     ("each_motor", ("guard.cap_mode=each_motor",)),
 ]
 OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")

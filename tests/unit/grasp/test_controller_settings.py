@@ -7,8 +7,8 @@ from grasp.controller_settings import ControllerSettings
 
 def test_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(ControllerSettings()) == {
-        "first_grasp": "counts", "first_force_n": 2.0,
-        "preshape_margin_counts": 15, "thumb_back_counts": 15, "approach_speed_mps": 0.11,
+        "first_grasp": None, "first_force_n": 2.0,
+        "approach_speed_mps": 0.11,
         "grip_speed_mps": 0.022, "grip_force_n": 10.0, "closing_speed_mps": 0.11,
         "closing": "two_stage", "settle_s": 0.3, "baseline_s": 0.3,
         "lift_height_m": 0.2, "lift_speed_mps": 0.1, "lift_acceleration_mps2": 0.5,

@@ -22,10 +22,10 @@ ALL = (True, True, True)
 AROUND_THE_LIMIT = [9.0, 9.9, math.nextafter(10, 0), 10.0, math.nextafter(10, 11), 10.1, 11, 60.0]
 
 
-def guard(**changes: object) -> ForceGuard:
+def guard(travel_bound: bool = False, **changes: object) -> ForceGuard:
     settings = msgspec.structs.replace(GuardSettings(), **changes)
     stiffness = Stiffness(settings.contact_stiffness_npm * M_PER_COUNT)
-    return ForceGuard(settings, least_force_n=10.0, stiffness=stiffness)
+    return ForceGuard(settings, 10.0, stiffness, travel_bound=travel_bound)
 
 
 def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> CloseFast:
@@ -113,7 +113,7 @@ def test_with_travel_bound_nothing_closes_before_a_first_grasp_is_known() -> Non
 def test_no_target_is_beyond_the_position_of_the_force_limit(
     first_n: float, stiffness: float, target: int, position: int
 ) -> None:
-    g = guard(travel_bound=True, contact_stiffness_npm=stiffness, cap_mode="each_motor")
+    g = guard(travel_bound=True, contact_stiffness_npm=stiffness)
     g.set_first_grasp((position, position, position), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
@@ -182,8 +182,8 @@ def speed(g: ForceGuard, targets: Counts3, requested_mps: float = 0.11) -> float
     return moved.speed_mps
 
 
-def after_first_grasp(**changes: object) -> ForceGuard:
-    g = guard(**changes)
+def after_first_grasp(travel_bound: bool = False, **changes: object) -> ForceGuard:
+    g = guard(travel_bound, **changes)
     g.set_first_grasp((55, 55, 55), FIRST_N)
     return g
 
@@ -251,16 +251,10 @@ def test_unexplained_rise_of_force_reduces_the_safe_travel() -> None:
     assert g.safe_travel(closed, (5.9, 2.5, 2.5)) == (58, 58, 58)  # by closing, as expected
 
 
-@pytest.mark.parametrize(
-    ("changes", "end"),
-    [({}, None), ({"travel_bound": True}, 59),
-     ({"travel_bound": True, "cap_mode": "each_motor"}, None)],
-)  # fmt: skip
-def test_thumb_limit_is_known_only_with_travel_bound_and_a_thumb_that_closes_alone(
-    changes: dict[str, object], end: int | None
-) -> None:
+def test_thumb_limit_is_known_only_with_travel_bound() -> None:
     assert guard(travel_bound=True).thumb_limit_counts is None  # no first grasp is known yet
-    assert after_first_grasp(**changes).thumb_limit_counts == end
+    assert after_first_grasp(travel_bound=True).thumb_limit_counts == 59
+    assert after_first_grasp().thumb_limit_counts is None
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
@@ -280,7 +274,7 @@ def test_guard_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(GuardSettings()) == {
         "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
         "contact_stiffness_npm": 2500.0,
-        "tip_mass_kg": 0.1, "travel_bound": None, "counts_per_newton": 160.0,
+        "tip_mass_kg": 0.1, "counts_per_newton": 160.0,
         "estimate_margin_n": 5.0,
     }  # fmt: skip
 

@@ -25,7 +25,7 @@ BAD_TOML = [
 BAD_SETTINGS = [
     f"{'a.' * DEEP}a=1", f"guard.force_limit_n={'[' * DEEP}", "guard.force_limit_n=nan",
     "guard.force_limit_n=inf", "guard.force_limit_n=\x1b[2J", "guard.force_limit_n=900",
-    f"controller.preshape_margin_counts={'9' * 400}", "rig=emulated", "profile=zzz",
+    f"controller.margin_steps={'9' * 400}", "rig=emulated", "profile=zzz",
     "object.grip_counts=[300,0,0]", "object.name=../../../out", "object.name=.hidden",
     'object.name="can\\n"', f"object.name={'a' * 300}", "hand.least_force_n=99",
     "tactile.cells=[[9]]", "arm.payload_kg=11.0", "gripper.calibration=/dev/zero",

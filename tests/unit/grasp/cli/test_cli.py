@@ -79,8 +79,8 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, result = run_json(
-        capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.grip_counts=[75,75,75]",
-        "--set", "controller.preshape_margin_counts=30",
+        capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.grip_counts=[60,60,60]",
+        "--set", "controller.first_grasp=counts",
     )  # fmt: skip
     assert code == result["exit_code"] == 4
     assert result["error"]["kind"] == "safety_stop"

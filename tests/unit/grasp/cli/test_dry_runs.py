@@ -79,14 +79,15 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
 def test_a_named_object_is_lifted_also_in_a_first_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = []
 
-    def load(name: str, *others: object) -> None:
+    def load(name: str | None, *others: object) -> None:
         loaded.append(name)
         raise UsageError("read", "")
 
-    monkeypatch.setattr("grasp.cli.run.load_config", load)
+    for loads in ("load_config", "load_lift"):
+        monkeypatch.setattr(f"grasp.cli.run.{loads}", load)
     for words in ("", "--first", "--first --object can", "--first --object ball"):
         assert main(["run", "lift", "--dry-run", *words.split()]) == 2
-    assert loaded == ["can", "foam", "can", "ball"]
+    assert loaded == [None, "foam", "can", "ball"]
 
 
 def test_first_lift_is_not_by_touch(capsys: pytest.CaptureFixture[str]) -> None:

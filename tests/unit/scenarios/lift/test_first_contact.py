@@ -166,7 +166,6 @@ def test_loss_of_the_object_is_detected_with_taxels_that_still_report_contact(
 
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
-    (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
     (("hand.override_s=0.05", "controller.slip_response=stop_and_step"), "override_s"),
     (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),

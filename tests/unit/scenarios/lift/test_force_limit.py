@@ -100,7 +100,8 @@ def greedy(config: TrialConfig, commanded_n: float) -> GraspController:
 
 def stressed(commanded_n: float, mode: str, bound: bool) -> TrialConfig:
     first_grasp, mode = ("touch", "every_finger") if mode == "touch" else ("counts", mode)
-    base = changed(by_default("hand.activation_s=0.5"), "guard", cap_mode=mode, travel_bound=bound)
+    stated = ["object.contact_stiffness_npm=2500"] if bound else []
+    base = changed(by_default("hand.activation_s=0.5", *stated), "guard", cap_mode=mode)
     return changed(base, "controller", grip_force_n=commanded_n, first_grasp=first_grasp)
 
 

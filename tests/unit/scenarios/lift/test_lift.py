@@ -81,7 +81,7 @@ def test_object_too_heavy_for_the_limit_is_lowered_with_outcome_cap_reached() ->
 
 
 def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() -> None:
-    far = config("object.grip_counts=[75,75,75]", "controller.preshape_margin_counts=30")
+    far = config("object.grip_counts=[60,60,60]")
     finished = lift.run(far, 0, None)
     assert finished.result is not None
     assert finished.result.outcome == "fault"

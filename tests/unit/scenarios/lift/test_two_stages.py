@@ -56,8 +56,8 @@ def test_thumb_exceeds_the_limit_only_slightly_with_worse_hands(
 
 
 def test_travel_bound_alone_keeps_the_limit() -> None:
-    assert thumb_n(judged("hand.current_clamp=false", "guard.travel_bound=true")) <= 9.8
-    assert thumb_n(judged(*OVERRIDE, "guard.travel_bound=true")) <= 9.8
+    assert thumb_n(judged("hand.current_clamp=false", "object.contact_stiffness_npm=2500")) <= 9.8
+    assert thumb_n(judged(*OVERRIDE, "object.contact_stiffness_npm=2500")) <= 9.8
 
 
 @pytest.mark.parametrize(("object_name", "override_s"), [("ball", 0.2)])
@@ -66,7 +66,7 @@ def test_steps_margin_and_final_closing_keep_the_limit_by_travel_bound(
 ) -> None:
     """A pull of 6 N at the top causes the final closing."""
     result = judged(
-        f"hand.override_s={override_s}", "hand.override_n=30", "guard.travel_bound=true",
+        f"hand.override_s={override_s}", "hand.override_n=30", "object.contact_stiffness_npm=2500",
         "controller.slip_response=stop_and_step", "pull.force_n=6", "pull.above_m=0.1",
         object_name=object_name, seed=1,
     )  # fmt: skip

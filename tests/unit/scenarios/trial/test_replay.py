@@ -57,7 +57,7 @@ def test_replay_of_a_run_has_no_differences(recorded: Path) -> None:
 def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A lift with a travel bound, which depends on the reference grasp, and a detector with
     memory."""
-    settings = config("guard.travel_bound=true")
+    settings = config("object.contact_stiffness_npm=2500")
     settings = msgspec.structs.replace(settings, detector_name="tcn")
     result = lift.run(settings, 0, tmp_path_factory.mktemp("bounded")).result
     assert result is not None and result.recording is not None
