@@ -133,6 +133,7 @@ class ForceGuard:
         self._travel_limits: Counts3 | None = None
         # the thumb's, beyond which it may not close
         self.thumb_limit_counts: int | None = None
+        self.stalled_n = 0.0  # greatest estimated force at which the thumb stopped by force
 
     @property
     def closing_speed_mps(self) -> float:
@@ -150,6 +151,8 @@ class ForceGuard:
             closure = obs.gripper.min_closure_counts
             self.grip.update(obs.t_ns, obs.hand_rests, closure, estimated_n, responsive)
             self.thumb_limit_counts = self.grip.limit_counts
+            if self.grip.now is not None and obs.gripper.thumb_latched:
+                self.stalled_n = max(self.stalled_n, self.grip.now.force_n)
 
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         """Take the first grasp as the reference of safe travel."""

@@ -147,8 +147,6 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
             engine = f" ({result.engine})" if result.engine else ""
             print(f"  detector {config.detector_label}{engine}, profile {args.profile}, slip "
                   f"response {config.controller.slip_response}")  # fmt: skip
-            if result.grip is not None:
-                print(f"  {result.grip.line}")
             _print_height(result, config)
             if args.first and failure is None and result.success:
                 print("  next: `grasp arm back` to the start, then the same without --first, at "

@@ -128,4 +128,4 @@ def facts(result: Any) -> list[str]:
         known = "true" if result.peak_force_n else "estimated by the fingertips"
         texts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
     texts.append(limit_in_words(result.force_limit_n, result.cap_mode))
-    return texts
+    return texts + (result.grip.lines if result.grip else [])

@@ -351,6 +351,8 @@ def grip_found(config: TrialConfig, guard: ForceGuard) -> GripFound | None:
         stiffness_npm=grip.rise_n / known.m_per_count,
         stiffness_measured=grip.rise_n != stiffness(config).newtons_per_count,
         bound="force byte and travel" if weak else "travel",
+        stalled_n=guard.stalled_n,
+        commanded_n=max(known.least_force_n, config.guard.force_limit_n),
     )
 
 

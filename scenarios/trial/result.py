@@ -82,7 +82,9 @@ class Bug(msgspec.Struct, frozen=True):
         return Fault("internal_error", TRIAL, text, REPORT, kind=INTERNAL)
 
 
-UNLIKE = 1.6  # ratio of the sides' readings that wrong counts per newton explain; assumed
+UNLIKE = (
+    1.6  # ratio of two forces, equal in truth, that the error of the estimate explains; assumed
+)
 
 
 class GripFound(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,19 +99,24 @@ class GripFound(msgspec.Struct, frozen=True, kw_only=True):
     stiffness_npm: float  # force at the thumb per metre of its travel, as last measured
     stiffness_measured: bool  # False: the value of object or guard, which is more
     bound: str
+    stalled_n: float  # estimated force at which the thumb stopped by force; 0: it did not
+    commanded_n: float  # by the calibration of the hand
 
     @property
-    def line(self) -> str:
-        """It in one line."""
+    def lines(self) -> list[str]:
+        """It as text, and what is inconsistent in it."""
         how = "measured" if self.stiffness_measured else "assumed"
-        thumb_n, others_n = self.sides_n
-        unlike = max(thumb_n, others_n) > UNLIKE * min(thumb_n, others_n)
-        wrong = f"; A reads {thumb_n:.1f} N, B + C {others_n:.1f} N: calibrate each finger"
-        return (
+        texts = [
             f"found by touch: {self.width_m * 1e3:.0f} mm wide, {self.stiffness_npm:.0f} N/m "
             f"({how}); first force {self.first_force_n:.1f} N, bounded by {self.bound}"
-            f"{wrong if unlike else ''}"
-        )
+        ]
+        thumb_n, others_n = self.sides_n
+        if max(thumb_n, others_n) > UNLIKE * min(thumb_n, others_n):
+            texts.append(f"A reads {thumb_n:.1f} N, B + C {others_n:.1f} N: calibrate each finger")
+        if 0.0 < self.stalled_n < self.commanded_n / UNLIKE:
+            texts.append(f"the thumb stopped at {self.stalled_n:.1f} N, by its calibration "
+                         f"{self.commanded_n:.0f} N: calibrate hand and fingers")  # fmt: skip
+        return texts
 
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -39,8 +39,8 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     )
     grip_counts: Annotated[
         tuple[Counts, Counts, Counts],
-        Meta(description="motor counts A, B, C of the weak first grasp"),
-    ]
+        Meta(description="motor counts A, B, C of a first grasp at given counts"),
+    ] = (0, 0, 0)
     mass_kg: Annotated[float, within(1e-4, 3.0, "of the object alone")]
     added_mass_kg: Annotated[float, within(0.0, 3.0, "weights added for the lift (paper)")] = 0.0
     friction_static: Annotated[float, Meta(gt=0.0, le=2.0, description="rubber on it; 0.5-1.2")]

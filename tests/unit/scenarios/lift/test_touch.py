@@ -91,8 +91,11 @@ def test_lift_on_real_devices_needs_no_object_and_is_by_touch_unless_the_grip_is
         assert load_lift("can", "simulated", None, None, [strong]).controller.first_grasp is None
 
 
-def test_line_of_a_grip_names_fingertips_that_disagree() -> None:
+def test_fingertips_or_a_hand_that_contradict_their_calibration_are_named() -> None:
     grip = lifted("foam", "variation.width_error_m=0.003").grip
-    assert grip is not None and "calibrate" not in grip.line
+    assert grip is not None and len(grip.lines) == 1
     wrong = msgspec.structs.replace(grip, sides_n=(3.3, 2.0))
-    assert "A reads 3.3 N, B + C 2.0 N: calibrate each finger" in wrong.line
+    assert wrong.lines[1:] == ["A reads 3.3 N, B + C 2.0 N: calibrate each finger"]
+    weak = lifted("can", "hand.least_force_n=2.5", seed=1)
+    assert weak.outcome == "cap_reached" and weak.grip is not None
+    assert "by its calibration 10 N: calibrate hand and fingers" in weak.grip.lines[-1]
