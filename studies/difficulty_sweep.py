@@ -1,4 +1,5 @@
-"""Operating envelope of the lift: success over eight difficulty axes, each varied alone.
+"""Operating envelope of the lift: success over eight difficulty axes, each varied alone, with a
+first grasp at given counts, as in the paper, and by touch.
 
 The bound of an axis is the load that sliding friction carries at the force limit F. The thumb at F
 and the two opposing fingers at F together carry 2 mu F, so m (g + a) + pull <= 2 mu F. The bound
@@ -9,6 +10,7 @@ test the response and are counted separately.
 """
 
 import argparse
+import itertools
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -27,6 +29,9 @@ from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.world import contact, laws
 from studies.runner import Study, add_trials, markdown, seeds_of
 
+GRASPS = ("counts", "touch")
+LABELS = {"counts": "at given counts", "touch": "by touch"}
+LOOKS = {"counts": {"fmt": "o-", "color": "#1f6fb4"}, "touch": {"fmt": "s--", "color": "#d1602a"}}
 RATIO = 3.84  # twice the logarithm of the likelihood ratio; 95 %
 Floats = NDArray[np.float64]
 
@@ -109,11 +114,11 @@ AXES = {
                   lambda c: (_holds_n(c) / _mass_kg(c) - G) / _per_speed(c)),
     "pull": Axis("pull in the hold, N", (4.0, 6.0, 8.0, 10.0, 13.0),
                  lambda c: c.pull.force_n, _pull, lambda c: _holds_n(c) - _mass_kg(c) * G),
-    "wider": Axis("wider, mm a side", (0.3, 0.6, 1.0, 1.5, 2.0),
+    "wider": Axis("wider, mm a side", (0.3, 0.6, 1.0, 1.5, 2.0, 8.0, 15.0),
                   lambda c: max(0.0, 1e3 * c.variation.width_error_m),
                   lambda c, x: [f"variation.width_error_m={1e-3 * x:g}"],
                   lambda c: _width_mm(c, 1, c.guard.force_limit_n)),
-    "narrower": Axis("narrower, mm a side", (0.15, 0.3, 0.45, 0.6, 1.0),
+    "narrower": Axis("narrower, mm a side", (0.15, 0.3, 0.45, 0.6, 1.0, 8.0, 15.0),
                      lambda c: max(0.0, -1e3 * c.variation.width_error_m),
                      lambda c, x: [f"variation.width_error_m={-1e-3 * x:g}"],
                      lambda c: _width_mm(c, -1, 0.0)),
@@ -131,6 +136,7 @@ class Task(msgspec.Struct, frozen=True):
 
     config: LiftConfig
     seed: int
+    grasp: str
     at: dict[str, tuple[float, float]]
     moved: str  # axis; empty: unchanged
 
@@ -138,6 +144,7 @@ class Task(msgspec.Struct, frozen=True):
 class Row(msgspec.Struct, frozen=True):
     """Result of one lift."""
 
+    grasp: str  # the first one: by touch, or at given counts
     at: dict[str, tuple[float, float]]
     moved: str
     outcome: str
@@ -152,10 +159,10 @@ def options(parser: Parser) -> None:
 
 def grid(args: argparse.Namespace) -> list[Task]:
     tasks = []
-    for name in args.objects:
+    for grasp, name in itertools.product(GRASPS, args.objects):
         chosen, base_settings = (
             (name, "simulated", args.detector, args.config),
-            (*args.set, "controller.keep=true"),
+            (*args.set, "controller.keep=true", f"controller.first_grasp={grasp}"),
         )
         base = load_config(*chosen, base_settings, args.profile)
         points = [("", list[str](), {a: AXES[a].here(base) for a in args.axes})]
@@ -163,7 +170,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
         for moved, words, values in points:
             config = load_config(*chosen, (*base_settings, *words), args.profile).for_lift()
             at = {a: (x, AXES[a].share(base, x)) for a, x in values.items()}
-            tasks += [Task(config, seed, at, moved) for seed in seeds_of(args)]
+            tasks += [Task(config, seed, grasp, at, moved) for seed in seeds_of(args)]
     return tasks
 
 
@@ -171,7 +178,7 @@ def trial(task: Task) -> Row:
     result = lift.run(task.config, task.seed, None).result
     if result is None:
         raise RuntimeError(f"{task.config.object.name}, seed {task.seed}: no result")
-    return Row(task.at, task.moved, result.outcome, bool(result.success))
+    return Row(task.grasp, task.at, task.moved, result.outcome, bool(result.success))
 
 
 Fall = tuple[float | None, float | None, float | None]  # value, interval; None: beyond the values
@@ -224,13 +231,16 @@ def _log_likelihood(rate: Floats, won: Floats, n: Floats) -> float:
 Line = dict[float | None, list[Row]]  # by value, easiest first; None: unchanged, objects differ
 
 
-def _lines(rows: Sequence[Row]) -> dict[str, Line]:
-    lines: dict[str, Line] = {}
-    for axis in dict.fromkeys(a for row in rows for a in row.at):
-        of_axis = [row for row in rows if axis in row.at]
+def _lines(rows: Sequence[Row]) -> list[tuple[str, str, Line]]:
+    """Grasp, axis and line, by axis."""
+    lines = []
+    pairs = dict.fromkeys((axis, row.grasp) for row in rows for axis in row.at)
+    for axis, grasp in sorted(pairs, key=lambda pair: [*AXES].index(pair[0])):
+        of_axis = [row for row in rows if axis in row.at and row.grasp == grasp]
         plain = [row for row in of_axis if not row.moved]
         here = {row.at[axis][0] for row in plain}
-        line = lines[axis] = {here.pop() if len(here) == 1 else None: plain}
+        line: Line = {here.pop() if len(here) == 1 else None: plain}
+        lines.append((grasp, axis, line))
         for value in sorted(
             {row.at[axis][0] for row in of_axis if row.moved}, reverse=AXES[axis].sign < 0
         ):
@@ -255,26 +265,35 @@ def _text(found: Fall, sign: int) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     falls, rates = [], []
-    for axis, line in _lines(rows).items():
+    for grasp, axis, line in _lines(rows):
         tested, sign = _tested([row for group in line.values() for row in group]), AXES[axis].sign
         held = [row.held for row in tested]
         values, shares = ([row.at[axis][i] for row in tested] for i in (0, 1))
         found = [(_text(fall([sign * v for v in values], held, level), sign),
                   _text(fall(shares, held, level), 1)) for level in (0.95, 0.5)]  # fmt: skip
         bound = " to ".join(f"{end:.3g}" for end in _bound(axis, line))
-        falls.append((AXES[axis].title, bound, *found[0], *found[1]))
+        falls.append((AXES[axis].title, grasp, bound, *found[0], *found[1]))
         for value, group in line.items():
             tested, parts = _tested(group), [row.at[axis][1] for row in group]
             won = sum(row.held for row in tested)
             low, high = wilson(won, len(tested))
             lost = Counter(row.outcome for row in tested if not row.held).most_common()
             rates.append((
-                axis, "unchanged" if value is None else value, f"{min(parts):.2f}-{max(parts):.2f}",
+                axis, grasp, "unchanged" if value is None else value, f"{min(parts):.2f}-{max(parts):.2f}",
                 f"{100 * won / max(1, len(tested)):.0f} ({100 * low:.0f}-{100 * high:.0f})",
-                len(tested), ", ".join(f"{n} {name}" for name, n in lost), len(group) - len(tested),
+                len(tested), ", ".join(f"{n} {name}" for name, n in lost),
+                len(group) - len(tested),
             ))  # fmt: skip
-    first = ("axis", "bound", "below 95 %", "share of the bound", "below 50 %", "the same share")
-    second = ("axis", "value", "share of the bound", "held in spite of slip, %", "n", "not held",
+    first = (
+        "axis",
+        "first grasp",
+        "bound",
+        "below 95 %",
+        "share of the bound",
+        "below 50 %",
+        "the same share",
+    )
+    second = ("axis", "first grasp", "value", "share of the bound", "held, %", "n", "not held",
             "never slipped")  # fmt: skip
     return "\n\n".join(markdown(dict(zip(names, zip(*lines, strict=True), strict=True)))
                        for names, lines in ((first, falls), (second, rates)))  # fmt: skip
@@ -283,18 +302,25 @@ def table(rows: Sequence[Row]) -> str:
 def chart(rows: Sequence[Row], figure: Any) -> None:
     """Success with 95 % intervals, a panel per axis; a band is the bound over the objects."""
     lines = _lines(rows)
-    panels = figure.subplots(-(-len(lines) // 4), min(4, len(lines)), sharey=True, squeeze=False)
-    for panel, (axis, line) in zip(panels.flat, lines.items(), strict=False):
+    axes = [*dict.fromkeys(axis for _, axis, _ in lines)]
+    panels = figure.subplots(-(-len(axes) // 4), min(4, len(axes)), sharey=True, squeeze=False)
+    for grasp, axis, line in lines:
+        panel = panels.flat[axes.index(axis)]
         points = [(v, sum(r.held for r in _tested(g)), len(_tested(g))) for v, g in line.items()]
         points = [(v, won, n) for v, won, n in points if v is not None and n]
         rate = np.array([won / n for _, won, n in points])
         ends = np.array([wilson(won, n) for _, won, n in points]).reshape(-1, 2).T
-        spread = np.abs(ends - rate)
-        panel.errorbar([v for v, *_ in points], rate, spread, marker="o", ms=3.5, lw=1, capsize=2)
-        panel.axvspan(*_bound(axis, line), color="#00000014", lw=0)
-        panel.set(xlabel=AXES[axis].title, ylim=(-0.03, 1.05), ylabel="held in spite of slip")
-        if AXES[axis].sign < 0:
-            panel.invert_xaxis()  # harder to the right
+        if not panel.has_data():  # the first of the two grasps
+            panel.axvspan(*_bound(axis, line), color="#00000014", lw=0)
+            panel.set(xlabel=AXES[axis].title, ylim=(-0.03, 1.05), ylabel="held")
+            *_, linear, _, farthest = AXES[axis].values
+            if farthest > 5.0 * linear:
+                panel.set_xscale("symlog", linthresh=linear)
+            if AXES[axis].sign < 0:
+                panel.invert_xaxis()  # harder to the right
+        panel.errorbar([v for v, *_ in points], rate, np.abs(ends - rate), ms=3.5, lw=1, capsize=2,
+                       label=LABELS[grasp], **LOOKS[grasp])  # fmt: skip
+    panels.flat[0].legend(loc="lower left")
 
 
 STUDY = Study("operating envelope of the lift on eight difficulty axes", grid, trial,

@@ -4,6 +4,7 @@ Each part writes results/PART.csv. A part whose file exists is run again only wi
 interrupted part continues from what its studies have stored.
 """
 
+import itertools
 import math
 import os
 import shlex
@@ -176,8 +177,12 @@ def responses(run: Run) -> Made:
 def difficulty(run: Run) -> Made:
     """Where lifts fail, on axes that are each varied alone."""
     lifts, rows = run.study("difficulty_sweep"), []
-    for name, axis in difficulty_sweep.AXES.items():
+    for (name, axis), grasp in itertools.product(
+        difficulty_sweep.AXES.items(), difficulty_sweep.GRASPS
+    ):
         own = [r for r in lifts if name in r.at and r.outcome != LiftOutcome.NEVER_SLIPPED]
+        own = [r for r in own if r.grasp == grasp]
+        title = f"{axis.title}; {difficulty_sweep.LABELS[grasp]}"
         for level in (0.95, 0.5):
             for measure, i, sign in (("", 0, axis.sign), (", share of bound", 1, 1)):
                 at = [sign * r.at[name][i] for r in own]
@@ -186,10 +191,10 @@ def difficulty(run: Run) -> Made:
                 low, high = known if len(known) == 2 and value is not None else (None, None)
                 value = math.inf if value is None else sign * value
                 words = f"below {100 * level:.0f} % from{measure}"
-                rows.append(Row(axis.title, words, value, low, high, len(own)))
+                rows.append(Row(title, words, value, low, high, len(own)))
         for value in sorted({r.at[name][0] for r in own if r.moved}):
             at = [r.held for r in own if r.moved and r.at[name][0] == value]
-            rows.append(percent(f"{axis.title}: {value:g}", "held, %", sum(at), len(at)))
+            rows.append(percent(f"{title}: {value:g}", "held, %", sum(at), len(at)))
     return rows, msgspec.to_builtins(lifts)
 
 

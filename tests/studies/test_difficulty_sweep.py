@@ -41,12 +41,12 @@ def test_a_fall_is_between_the_last_rate_above_the_level_and_the_first_below() -
 
 
 def test_lifts_that_never_slip_are_counted_separately() -> None:
-    rows = [Row({"mass": (0.6, 0.4)}, "", "held", True)] * 9
-    rows += [Row({"mass": (0.6, 0.4)}, "", "never_slipped", False)]
-    rows += [Row({"mass": (1.6, 1.1)}, "mass", "dropped", False)] * 10
+    rows = [Row("counts", {"mass": (0.6, 0.4)}, "", "held", True)] * 9
+    rows += [Row("counts", {"mass": (0.6, 0.4)}, "", "never_slipped", False)]
+    rows += [Row("counts", {"mass": (1.6, 1.1)}, "mass", "dropped", False)] * 10
     lines = table(rows).splitlines()
-    assert "| mass | 0.6 | 0.40-0.40 | 100 (70-100) | 9 |  | 1 |" in lines
-    assert "| mass | 1.6 | 1.10-1.10 | 0 (0-28) | 10 | 10 dropped | 0 |" in lines
+    assert "| mass | counts | 0.6 | 0.40-0.40 | 100 (70-100) | 9 |  | 1 |" in lines
+    assert "| mass | counts | 1.6 | 1.10-1.10 | 0 (0-28) | 10 | 10 dropped | 0 |" in lines
 
 
 @pytest.mark.slow
@@ -56,5 +56,8 @@ def test_a_small_sweep_leaves_table_and_chart(
     pytest.importorskip("matplotlib")
     words = "--objects can --seeds 1 --detector gru --jobs 1 --axes taxels"
     assert runner.main("x", STUDY, [*words.split(), "--out", str(tmp_path)]) == 0
-    assert "| taxels | 0.84 | 0.84-0.84 | 0 (0-79) | 1 | 1 fault | 0 |" in capsys.readouterr().out
+    assert (
+        "| taxels | counts | 0.84 | 0.84-0.84 | 0 (0-79) | 1 | 1 fault | 0 |"
+        in capsys.readouterr().out
+    )
     assert (tmp_path / "chart.svg").read_text().startswith("<?xml")

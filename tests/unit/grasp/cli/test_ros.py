@@ -35,7 +35,7 @@ def test_a_lift_has_the_options_of_the_node_and_its_own_seed() -> None:
     assert (first.command, first.rig, first.pace, first.runs) == (
         "run lift", "simulated", "real", Path("there"),
     )  # fmt: skip
-    assert (first.object, first.seed, second.object, second.seed) == ("can", 7, "ball", 8)
+    assert (first.object, first.seed, second.object, second.seed) == (None, 7, "ball", 8)
     assert first.set == ["hand.activation_s=1"] and first.detector == "energy"
     assert not first.confirm_motion and node.permit is None
 
