@@ -13,10 +13,11 @@ from drivers.interfaces import Counts3, Vector3
 
 READ_NS = 50_000_000  # rest before a reading: fingertips are 20 to 80 ms late
 IN_GRIP_N = 0.5  # least force of the smaller side for a rise to count as stiffness; assumed
-# A contact stiffens as it is pressed, and a rise is measured with an error: a stage of a closing
-# uses this share of the room that the stiffness predicts. Then the force is read again.
+# A contact stiffens as it is pressed, and a rise is measured with an error: the first stage of a
+# closing uses this share of the room that the stiffness predicts. Then the force is read again. If
+# slip goes on, the object falls, so the next stage uses all room, accepted overshoot included.
 STAGE_SHARE = 0.7
-SPARE = 1.3  # one count is allowed where so many would fit
+SPARE = 1.3  # the first stage is at least one count where so many would fit
 # One finger against an object that the table holds is 1.5 times as stiff as against two fingers
 FREE_SHARE = 2 / 3
 LEAST_SHARE = 0.5  # of the rise on the table, that the first one in the air has at least; assumed
@@ -42,8 +43,8 @@ class GripMeasure:
     """Call ``update`` once a sample. ``rise_n``: force per count, the largest seen in the grip;
     until there is one, the guess that was given."""
 
-    def __init__(self, guess_n: float, limit_n: float) -> None:
-        self._limit_n = limit_n
+    def __init__(self, guess_n: float, limit_n: float, overshoot_n: float) -> None:
+        self._limit_n, self._overshoot_n = limit_n, overshoot_n
         self._guess_n = self.rise_n = guess_n
         self.measured = False  # ``rise_n`` is no guess any more
         self._replaces = False  # the next rise is the first in the air, where no table holds
@@ -109,13 +110,12 @@ class GripMeasure:
             self._set_limit(self.now)
 
     def _set_limit(self, now: Reading) -> None:
-        force_n = now.force_n
+        force_n, counts = now.force_n, 0
         if self.first is not None:
             counts = now.positions[0] - self.first.positions[0]
             force_n = max(force_n, self.first.force_n + LINE_SHARE * self.rise_n * counts)
-        self.limit_counts = now.positions[0] + self.counts_within(self._limit_n - force_n)
-
-    def counts_within(self, room_n: float) -> int:
-        """Counts of one stage of a closing with so much room to the limit, N; 0 or more."""
-        fit = room_n / self.rise_n
-        return max(math.floor(STAGE_SHARE * fit), int(fit >= SPARE))
+        fit = (self._limit_n - force_n) / self.rise_n
+        stage = max(0, math.floor(STAGE_SHARE * fit), int(fit >= SPARE))
+        if counts > 0:
+            stage = max(0, math.floor(fit + self._overshoot_n / self.rise_n))
+        self.limit_counts = now.positions[0] + stage

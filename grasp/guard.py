@@ -107,7 +107,8 @@ class ForceGuard:
         # the hand's force byte bounds the force only where it can be low enough
         self._force_n = max(limit_n, least_force_n) if touch else limit_n
         self._least_speed_mps = least_speed_mps
-        self.grip = GripMeasure(stiffness.newtons_per_count, limit_n) if touch else None
+        guess_n = stiffness.newtons_per_count
+        self.grip = GripMeasure(guess_n, limit_n, s.overshoot_n) if touch else None
         if least_force_n > limit_n and not touch:
             raise ConfigError(
                 "guard", "force_limit_n",

@@ -279,7 +279,8 @@ def table(rows: Sequence[Row]) -> str:
             low, high = wilson(won, len(tested))
             lost = Counter(row.outcome for row in tested if not row.held).most_common()
             rates.append((
-                axis, grasp, "unchanged" if value is None else value, f"{min(parts):.2f}-{max(parts):.2f}",
+                axis, grasp, "unchanged" if value is None else value,
+                f"{min(parts):.2f}-{max(parts):.2f}",
                 f"{100 * won / max(1, len(tested)):.0f} ({100 * low:.0f}-{100 * high:.0f})",
                 len(tested), ", ".join(f"{n} {name}" for name, n in lost),
                 len(group) - len(tested),

@@ -5,7 +5,7 @@ import pytest
 from drivers.interfaces import Counts3, Vector3
 from grasp.grip_measure import READ_NS, GripMeasure
 
-GUESS_N, LIMIT_N = 1.9, 10.0
+GUESS_N, LIMIT_N, OVERSHOOT_N = 1.9, 10.0, 1.0
 STEP_NS = 10_000_000
 
 
@@ -13,7 +13,7 @@ class Hand:
     """A hand that closes on a contact and rests after each motion, before a measure."""
 
     def __init__(self) -> None:
-        self.measure = GripMeasure(GUESS_N, LIMIT_N)
+        self.measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
         self.t_ns = 0
 
     def at(
@@ -43,7 +43,7 @@ def gripped(rise_n: float = 2.0) -> Hand:
 
 
 def test_there_is_a_reading_only_after_the_hand_has_rested() -> None:
-    measure = GripMeasure(GUESS_N, LIMIT_N)
+    measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
     for k in range(READ_NS // STEP_NS):
         measure.update(k * STEP_NS, True, (50, 50, 50), (1.0, 0.5, 0.5), True)
         assert measure.now is None
@@ -83,8 +83,14 @@ def test_limit_uses_a_share_of_the_room_and_leaves_a_spare_part_of_a_count() -> 
 
 def test_force_counts_as_at_least_what_the_first_grasp_predicts() -> None:
     hand = gripped()
-    silent = hand.at((54, 50, 50), (3.0, 3.0))  # three counts further, the fingertips show nothing
-    assert silent.limit_counts == 54
+    # four counts further, the fingertips show nothing
+    assert hand.at((55, 50, 50), (3.0, 3.0)).limit_counts == 55
+
+
+def test_a_later_stage_uses_the_whole_room_and_the_accepted_overshoot() -> None:
+    hand = gripped(2.0)  # 3 N at 51 counts
+    assert hand.at((53, 50, 50), (6.5, 6.5)).limit_counts == 55  # 4.5 N fit into 2 counts of 2 N
+    assert gripped(2.0).at((54, 50, 50), (8.5, 8.5)).limit_counts == 55  # 2.5 N, one count
 
 
 def test_first_rise_in_the_air_replaces_that_on_the_table_but_not_by_less_than_half() -> None:
@@ -95,6 +101,6 @@ def test_first_rise_in_the_air_replaces_that_on_the_table_but_not_by_less_than_h
 
 
 def test_no_closing_is_left_without_a_reading_of_the_first_grasp() -> None:
-    measure = GripMeasure(GUESS_N, LIMIT_N)
+    measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
     measure.begin()
     assert measure.limit_counts is None and measure.first is None
