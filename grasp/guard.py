@@ -32,6 +32,9 @@ STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
 
 CapMode = Literal["every_finger", "each_motor"]
+PerNewton = Annotated[float, Meta(ge=1.0, le=5e3)]  # counts
+# msgspec 0.22 misreads a tuple of fixed length in a union with a bounded number
+EachPerNewton = Annotated[tuple[PerNewton, ...], Meta(min_length=3, max_length=3)]
 
 
 def limit_in_words(limit_n: float, cap_mode: CapMode) -> str:
@@ -66,8 +69,10 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         float, Meta(ge=0.001, le=5.0, description="moving mass of finger and motor at the tip")
     ] = 0.1
     counts_per_newton: Annotated[
-        float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
-    ] = 160.0
+        PerNewton | EachPerNewton,
+        Meta(description="summed taxel counts per newton, 1 to 5000; calibrate it: one number for "
+             "all fingertips, or three, of A, B and C"),
+    ] = 160.0  # fmt: skip
     # `estimate_margin_n` covers the error of the estimate
     estimate_margin_n: Annotated[
         float, Meta(ge=0.0, le=50.0, description="excess of estimated force that stops closing")
@@ -125,6 +130,8 @@ class ForceGuard:
                 f"{least_speed_mps:g} m/s, a tip of {s.tip_mass_kg:g} kg overshoots more",
                 f"guard.overshoot_n >= {least_n:.2f}",
             )  # fmt: skip
+        counts = s.counts_per_newton
+        self._counts_per_newton = counts if isinstance(counts, tuple) else (counts,) * 3
         self._stiffness = stiffness
         self._travel_bound = travel_bound
         self._free_counts = free_counts
@@ -307,8 +314,8 @@ class ForceGuard:
     def estimated_n(self, counts_sum: Vector3) -> Vector3:
         """Estimate each finger's force, N, from its summed taxel counts (pressing is negative)."""
         a, b, c = counts_sum
-        per_newton = self._settings.counts_per_newton
-        return max(0.0, -a / per_newton), max(0.0, -b / per_newton), max(0.0, -c / per_newton)
+        per_a, per_b, per_c = self._counts_per_newton
+        return max(0.0, -a / per_a), max(0.0, -b / per_b), max(0.0, -c / per_c)
 
 
 def _balanced(estimated_n: Vector3) -> Vector3:

@@ -11,8 +11,8 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -290,7 +290,7 @@ def _type_text(kind: Any) -> str:
     if get_origin(kind) is tuple and len({*parts} - {Ellipsis}) == 1:
         number = "n" if Ellipsis in parts else str(len(parts))
         return f"{number} x {_type_text(parts[0])}"
-    if NoneType in parts:
+    if get_origin(kind) in (Union, UnionType):
         return " | ".join("None" if part is NoneType else _type_text(part) for part in parts)
     if get_origin(kind) is Literal:
         return " or ".join(map(str, parts))

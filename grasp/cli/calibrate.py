@@ -47,8 +47,9 @@ def calibrate_force(args: argparse.Namespace) -> int:
         return "move nothing"
 
     def act(permit: Any, operator: Any) -> str:
+        fingers = "ABC" if args.finger == "all" else args.finger
         return calibrate.calibrate_force(
-            config, args.finger, up_to_n, operator, print_status, args.note
+            config, fingers, up_to_n, operator, print_status, args.note
         )
 
     return _measure(args, config, look, look, act, moves=False)

@@ -354,14 +354,15 @@ def _add_tactile(group: Parser) -> None:
 
 
 def _add_calibrate(group: Parser) -> None:
-    force = group.command("force", "calibrate a fingertip's counts with a scale", "", (
-        "grasp calibrate force --finger B --out force-B.toml --config lab.toml",))  # fmt: skip
+    force = group.command("force", "calibrate the fingertips' counts with a scale", "", (
+        "grasp calibrate force --out force.toml --config lab.toml",))  # fmt: skip
     hand = group.command("hand", "measure the force of force byte 0 with a scale", "", (
         "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
     ))  # fmt: skip
     hand.flag("--scale", "confirm that one fingertip is over a scale and the hand is empty")
+    force.option("--finger", "all: one after the other", choices=(*FINGERS, "all"), default="all")
+    hand.option("--finger", "finger to calibrate", choices=FINGERS, default="A")
     for parser in (force, hand):
-        parser.option("--finger", "finger to calibrate", choices=FINGERS, default="A")
         parser.option("--up-to N", "largest force to measure, N; larger readings are refused"
             + (" (default: guard.force_limit_n)" if parser is force else ""),
             decimal(0.1, MAX_FORCE_N, "N"), required=parser is hand)  # fmt: skip

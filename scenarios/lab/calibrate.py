@@ -8,7 +8,7 @@ the operator, never more than the manual's, with one fingertip on a scale, never
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 
@@ -217,15 +217,34 @@ def weight_readings(
     return readings
 
 
+def counts_of_finger(
+    fingertips: TactileReader, clock: Clock, finger: str, up_to_n: float, operator: Operator,
+    say: Say,
+) -> CountsFit:  # fmt: skip
+    """Counts per newton of one fingertip. Insufficient readings are taken again, so that those of
+    the fingers before are not lost."""
+    while True:
+        readings = weight_readings(fingertips, clock, finger, up_to_n, operator, say)
+        try:
+            fit = fit_counts(readings)
+        except UsageError as error:
+            operator.say(f"{error.message}: {error.remedy}. Finger {finger} starts again")
+            continue
+        say(f"finger {finger}: {fit.slope:.1f} counts/N")
+        return fit
+
+
 def calibrate_force(
-    config: TrialConfig, finger: str, up_to_n: float, operator: Operator, say: Say, note: str = ""
+    config: TrialConfig, fingers: str, up_to_n: float, operator: Operator, say: Say, note: str = ""
 ) -> str:
-    """File text with a fingertip's counts under weights; nothing moves. Raises UsageError for
-    insufficient data."""
+    """File text with the counts of these fingertips under weights, one after the other; nothing
+    moves. Raises UsageError for implausible counts."""
     clock = WallClock(WallClock().now_ns)
     with open_fingertips(config, clock, unloaded=True) as fingertips:
-        readings = weight_readings(fingertips, clock, finger, up_to_n, operator, say)
-        return force_file(finger, fit_counts(readings), note)
+        return force_file({
+            finger: counts_of_finger(fingertips, clock, finger, up_to_n, operator, say)
+            for finger in fingers
+        }, note)  # fmt: skip
 
 
 # Force of a hand
@@ -298,25 +317,31 @@ def record_still_object(
 # Files
 
 
-def force_file(finger: str, fit: CountsFit, note: str = "") -> str:
-    """Settings for `--config`; raises UsageError for values out of range."""
-    low, high = fit.interval
-    measured = (
-        f"{now()}: {fit.readings} readings of a scale under finger {finger}, {fit.least_n:.2f} to "
-        f"{fit.most_n:.2f} N"
-    )
-    source = quoted_source(f"{measured}, {low:.1f} to {high:.1f} (95 %)", note)
+def force_file(fits: Mapping[str, CountsFit], note: str = "") -> str:
+    """Settings for `--config` from the fits of all three fingers or of one; raises UsageError for
+    values out of range."""
+    day, lines, sources = now(), [], []
+    for finger, fit in fits.items():
+        low, high = fit.interval
+        lines.append(f"""\
+# Finger {finger}: {fit.slope:.1f} counts/N [{low:.1f}, {high:.1f}] (95 %, for an exact scale), {fit.readings} readings of {fit.least_n:.2f} to {fit.most_n:.2f} N.
+#   The fitted line has an offset of {fit.offset_n:+.2f} N (rest codes of the pad, tare of the scale), which is not used.
+#   Readings differ by at most {fit.worst_n:.2f} N from a line through zero.
+""")  # noqa: E501
+        sources.append(
+            f"finger {finger}, {fit.readings} readings of {fit.least_n:.2f} to {fit.most_n:.2f} N, "
+            f"{low:.1f} to {high:.1f} (95 %)"
+        )
+    numbers = [f"{fit.slope:.1f}" for fit in fits.values()]
     text = f"""\
-# Counts of a fingertip, {measured}.
-# {fit.slope:.1f} counts/N [{low:.1f}, {high:.1f}] (95 %, for an exact scale).
-# The fitted line has an offset of {fit.offset_n:+.2f} N (rest codes of the pad, tare of the scale), which is not used.
-# Readings differ by at most {fit.worst_n:.2f} N from a line through zero. Other forces and fingertips were not measured.
-# `grasp run acquire` reads another setting: add `--set control.counts_per_newton={fit.slope:.1f}` to it.
+# Counts of the fingertips under a scale, {day}. Other forces and fingertips were not measured.
+{"".join(lines)}\
+# `grasp run acquire` reads another setting, control.counts_per_newton: the number of its `finger`.
 [source]
-counts_per_newton = {source}
+counts_per_newton = {quoted_source(f"scale, {day}: {'; '.join(sources)}", note)}
 [guard]
-counts_per_newton = {fit.slope:.1f}
-"""  # noqa: E501
+counts_per_newton = {f"[{', '.join(numbers)}]" if len(numbers) > 1 else numbers[0]}
+"""
     return _checked(text, "guard", GuardSettings)
 
 

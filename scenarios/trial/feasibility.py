@@ -46,11 +46,18 @@ def check_touch(config: TrialConfig) -> None:
         "firm": config.controller.firm and "controller.firm = false",
         "cap_mode": config.guard.cap_mode != "every_finger" and "guard.cap_mode = every_finger",
     }
-    if config.controller.first_grasp == "touch" and (
-        remedy := next(filter(None, other.values()), "")
-    ):
+    if config.controller.first_grasp != "touch":
+        return
+    if remedy := next(filter(None, other.values()), ""):
         problem = "touch closes the thumb alone, to a weak grip"
         raise ConfigError("controller", "first_grasp", problem, f"{remedy}, or counts")
+    counts = config.guard.counts_per_newton
+    if config.real and not isinstance(counts, tuple):
+        raise ConfigError(
+            "guard", "counts_per_newton",
+            f"{counts:g} for all fingertips, which differ: touch measures force with each of them",
+            "three, by `grasp calibrate force`, or controller.first_grasp = counts",
+        )  # fmt: skip
 
 
 def check_grip(config: TrialConfig, guard: ForceGuard) -> None:

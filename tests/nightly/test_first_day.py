@@ -24,7 +24,7 @@ ASKED = re.compile(r"(>>> (?:[^\n]*(?:Enter|\?|type)[^\n]*)\n|Type (\w+): |press
 ENDED = re.compile(r"\[exit code (\d+)\]")
 LONG_S = 600.0
 AGAIN = 6
-LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)  # weights on the pad of finger A
+LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)  # weights on each pad
 OWN_LIMIT = {"guard": {"force_limit_n": 11.0}, "controller": {"grip_force_n": 11.0}}
 
 
@@ -142,11 +142,12 @@ def _calibrate(day: Day) -> None:
     day.write(gripper={"calibration": "hand.toml"}, **OWN_LIMIT)
 
     day.word("take")
-    loads_n = iter(LOADS_N)
+    loads = iter([(finger, load_n) for finger in "ABC" for load_n in (*LOADS_N, 0.0)])
 
     def loaded(question: str) -> str:
-        load_n = next(loads_n, 0.0)
-        day.word(f"lay A {load_n:g}")
+        finger, load_n = next(loads)
+        assert f"fingertip {finger}" in question
+        day.word(f"lay {finger} {load_n:g}")
         return f"{load_n:g} N" if load_n else ""
 
     day.run("calibrate", "force", "--out", "force.toml", *LAB, answer=loaded)

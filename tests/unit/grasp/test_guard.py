@@ -268,6 +268,8 @@ def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
     g = guard(counts_per_newton=160.0)
     assert g.estimated_n((-320.0, -160.0, -16.0)) == (2.0, 1.0, 0.1)
     assert g.estimated_n((16.0, 160.0, 320.0)) == (0.0, 0.0, 0.0)
+    each = guard(counts_per_newton=(100.0, 160.0, 200.0))
+    assert each.estimated_n((-320.0, -320.0, -320.0)) == (3.2, 2.0, 1.6)
 
 
 def test_guard_defaults_match_the_published_results() -> None:

@@ -1,5 +1,7 @@
 """Calibrations with an operator who mistypes readings, without devices."""
 
+import tomllib
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import UsageError
+from scenarios.campaign.config import load_config
 from scenarios.lab import calibrate
 from scenarios.lab.calibrate import (
     Presser,
@@ -22,13 +25,15 @@ class ScriptedOperator:
 
     def __init__(self, *lines: str) -> None:
         self.messages: list[str] = []
+        self.typed = ""
         self._lines = iter(lines)
 
     def say(self, text: str) -> None:
         self.messages.append(text)
 
     def poll(self) -> str | None:
-        return next(self._lines)
+        self.typed = next(self._lines)
+        return self.typed
 
 
 def readings(
@@ -71,6 +76,45 @@ def test_reading_that_contradicts_the_others_is_dropped_and_named(
     accepted, messages = readings(monkeypatch, forces, *typed)
     assert accepted == [0.5, 1.0, 2.0, 4.0, 5.0]
     assert "9.00 N contradicts the others: dropped" in messages
+
+
+LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)
+LOADED = (*(f"{n} N" for n in LOADS_N), "")  # typed lines of one finger
+PER_NEWTON = {"A": 150.0, "B": 160.0, "C": 200.0}
+
+
+def calibrated(
+    monkeypatch: pytest.MonkeyPatch, fingers: str, *lines: str
+) -> tuple[dict[str, Any], list[str]]:
+    """Settings in the file for these typed lines on pads that read truly, and the messages."""
+    operator = ScriptedOperator(*lines)
+    monkeypatch.setattr(calibrate, "open_fingertips", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(
+        calibrate, "pad_counts",
+        lambda reader, clock, finger: (PER_NEWTON[finger] * parse_newtons(operator.typed), False),
+    )  # fmt: skip
+    text = calibrate.calibrate_force(
+        load_config("can", "simulated"), fingers, 10.0, operator, lambda text: None, "by hand"
+    )
+    return tomllib.loads(text), operator.messages
+
+
+def test_file_of_all_fingers_has_the_counts_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, _ = calibrated(monkeypatch, "ABC", *LOADED * 3)
+    assert found["guard"]["counts_per_newton"] == [150.0, 160.0, 200.0]
+    source = found["source"]["counts_per_newton"]
+    assert "finger B, 5 readings of 0.50 to 2.50 N, 158.4 to 161.6 (95 %)" in source
+    assert source.endswith("; by hand")
+    alone, _ = calibrated(monkeypatch, "B", *LOADED)
+    assert alone["guard"]["counts_per_newton"] == 160.0
+
+
+def test_finger_with_too_few_readings_starts_again_and_the_others_are_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, messages = calibrated(monkeypatch, "ABC", *LOADED, "1 N", "", *LOADED * 2)
+    assert found["guard"]["counts_per_newton"] == [150.0, 160.0, 200.0]
+    assert any("Finger B starts again" in line for line in messages)
 
 
 class FingerOnScale:

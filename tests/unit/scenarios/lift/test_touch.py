@@ -6,9 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from drivers.errors import ConfigError
 from scenarios.campaign.config import load_config, load_lift
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
+from scenarios.trial.feasibility import check_touch
 from scenarios.trial.replay import replay_run
 
 BOUND_N = 11.0  # limit and stated overshoot
@@ -42,6 +44,19 @@ def test_object_of_another_width_than_stated_is_held_within_the_limit(
     assert result.grip.width_m == pytest.approx(
         2 * (body.half_width_m + wider_mm * 1e-3), abs=0.004
     )
+
+
+def test_real_fingertips_need_the_counts_per_newton_of_each() -> None:
+    """The emulated and simulated ones are alike."""
+    config = load_config("can", "simulated", None, None, TOUCH)
+    check_touch(config)
+    real = msgspec.structs.replace(config, rig="hardware")
+    with pytest.raises(ConfigError, match="`grasp calibrate force` for each finger"):
+        check_touch(real)
+    each = msgspec.structs.replace(config.guard, counts_per_newton=(150.0, 160.0, 170.0))
+    check_touch(msgspec.structs.replace(real, guard=each))
+    by_counts = msgspec.structs.replace(config.controller, first_grasp="counts")
+    check_touch(msgspec.structs.replace(real, controller=by_counts))
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.6])
