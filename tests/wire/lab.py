@@ -136,6 +136,7 @@ def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
     ):
         text = text.replace(f"[{section}]\n", f"[{section}]\n{lines}")
     text = text.replace('calibration = "paper"', f'calibration = "{hand}"')
+    text += "[guard]\ncounts_per_newton = [160, 160, 160]\n"
     path.write_text(f'{text}[usb]\nurl = "{endpoints["tactile"]["url"]}"\n', encoding="utf-8")
     return path
 

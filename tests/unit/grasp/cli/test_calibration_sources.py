@@ -13,6 +13,7 @@ LAB = """
 calibration = "hand.toml"
 [guard]
 force_limit_n = 20.0
+counts_per_newton = [160, 160, 160]
 [controller]
 grip_force_n = 20.0
 [modbus]

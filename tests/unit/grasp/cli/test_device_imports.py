@@ -20,6 +20,8 @@ calibration = "paper"
 [calibration]
 pressed_bytes = [0]
 presses = 10
+[guard]
+counts_per_newton = [160, 160, 160]
 [modbus]
 host = "{NOBODY}"
 port = 9

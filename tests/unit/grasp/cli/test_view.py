@@ -66,7 +66,7 @@ def verdict(**changes: object) -> SimpleNamespace:
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_estimated_n": None, "commanded_force_n": 10.0,
-        "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
+        "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None, "grip": None,
         "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip
     return SimpleNamespace(**(values | changes))
