@@ -12,6 +12,7 @@ import msgspec
 from drivers.interfaces import Counts3, Vector3
 
 READ_NS = 50_000_000  # rest before a reading: fingertips are 20 to 80 ms late
+LEAST_RISE_N = 0.08  # of a contact: of 100 N/m, the least that settings allow
 IN_GRIP_N = 0.5  # least force of the smaller side for a rise to count as stiffness; assumed
 # A contact stiffens as it is pressed, and a rise is measured with an error: the first stage of a
 # closing uses this share of the room that the stiffness predicts. Then the force is read again. If
@@ -94,7 +95,7 @@ class GripMeasure:
             rise_n = max(rise_n, FREE_SHARE * max(thumb_n, others_n))
         if not responsive:  # at least so much
             rise_n = max(rise_n, self._guess_n)
-        if rise_n <= 0.0:
+        if rise_n < LEAST_RISE_N:  # the thumb did not move
             return
         if self.measured and not self._replaces:
             rise_n = max(self.rise_n, rise_n)

@@ -120,7 +120,11 @@ def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, o
         deep = p[P_HALF_HEIGHT] + p[P_PAD_HALF] - abs(p[P_GRIP_HEIGHT] + state[SLIP])
     for i in range(FINGERS):
         relaxed = p[P_RELAX] * state[RELAXED + i]
-        out[i] = min(width - (p[P_APERTURE] - travel[i]), deep) - relaxed
+        lateral = state[LATERAL] if i == 0 else -state[LATERAL]
+        free = width - (p[P_APERTURE] - travel[i])
+        if free + lateral > deep:
+            free = deep - lateral
+        out[i] = free - relaxed
 
 
 @inlined

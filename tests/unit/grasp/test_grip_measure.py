@@ -104,3 +104,11 @@ def test_no_closing_is_left_without_a_reading_of_the_first_grasp() -> None:
     measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
     measure.begin()
     assert measure.limit_counts is None and measure.first is None
+
+
+def test_a_count_without_a_rise_is_no_stiffness() -> None:
+    """A hand at its stop reports counts without a motion."""
+    hand = Hand()
+    hand.at((0, 50, 50), (0.6, 0.6))
+    still = hand.at((6, 50, 50), (0.62, 0.62))
+    assert not still.measured and still.rise_n == GUESS_N

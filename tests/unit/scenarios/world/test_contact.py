@@ -49,6 +49,17 @@ def forces_at(p: Floats, positions: Floats, state: Floats | None = None) -> Floa
     return out
 
 
+def test_a_short_object_far_from_the_middle_is_pressed_like_a_long_one() -> None:
+    forces = []
+    for above_m in (0.035, 0.2):
+        state = initial_state()
+        state[laws.LATERAL] = -0.03
+        short = body(half_width_m=0.02, body_above_grip_m=above_m, wall_stiffness_npm=1e3)
+        p = parameters(ContactSettings(), short)
+        forces.append(forces_at(p, np.array([0.0955, 0.0295, 0.0295]), state).tolist())
+    assert forces[0] == forces[1] and forces[0][0] > 1.0
+
+
 def lift(
     p: Floats, step_s: float, positions: Floats, seconds: float = 1.2, speed: float = 0.1
 ) -> Floats:
