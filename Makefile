@@ -2,7 +2,7 @@
 # make check     style, types, imports               make test-all   every lane below: hours
 # make lift      one lift of a can, emulated         make test-nightly  slow tests, kills, a lab's day
 # make bench     measurements, as ratios             make test-train    what needs torch
-# make test-faults    faults at moments of a lift, in virtual time (RUNS=, SEED=)
+# make test-faults    faults at moments of a lift, in virtual time (RUNS=, SEED=, FIRST_GRASP=touch)
 # make test-chaos     lifts over wires that spoil what passes (PLANS=, FROM=)
 # make test-soak      lifts on the emulated cell, one after the other (MINUTES=)
 # make test-fuzz      hostile clients on every port of an emulated cell (MINUTES=, SEED=)

@@ -136,7 +136,7 @@ class Touch:
     def _why_not_further(
         self, force_n: float, rise_n: float, thumb_silent: bool, no_room: bool
     ) -> tuple[str, str] | None:
-        if self._silent > SILENT_COUNTS:
+        if self._silent > (0 if no_room else SILENT_COUNTS):
             silent = "finger A feels" if thumb_silent else "fingers B and C feel"
             return f"{silent} nothing, the other side {force_n:.1f} N", NOTHING_REMEDY
         if no_room:

@@ -118,13 +118,12 @@ def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, o
     deep = p[P_BODY_TOP] - state[SLIP]
     if p[P_SHAPE] != 0.0:
         deep = p[P_HALF_HEIGHT] + p[P_PAD_HALF] - abs(p[P_GRIP_HEIGHT] + state[SLIP])
+    on_edge = False
     for i in range(FINGERS):
-        relaxed = p[P_RELAX] * state[RELAXED + i]
-        lateral = state[LATERAL] if i == 0 else -state[LATERAL]
-        free = width - (p[P_APERTURE] - travel[i])
-        if free + lateral > deep:
-            free = deep - lateral
-        out[i] = free - relaxed
+        out[i] = width - (p[P_APERTURE] - travel[i])
+        on_edge |= out[i] + (state[LATERAL] if i == 0 else -state[LATERAL]) > deep
+    for i in range(FINGERS):
+        out[i] = (min(out[i], deep) if on_edge else out[i]) - p[P_RELAX] * state[RELAXED + i]
 
 
 @inlined

@@ -3,6 +3,7 @@
 Shared by the fault tests in virtual time, the chaos tests and the soak test.
 """
 
+import os
 import re
 
 import msgspec
@@ -10,7 +11,9 @@ import msgspec
 from grasp.guard import GuardSettings
 
 MOST_N = GuardSettings().force_limit_n + GuardSettings().overshoot_n  # true force of a finger
-GRIPPED_N = 7.0  # least force of a hand closed to the limit, even after slip
+FIRST_GRASP = os.environ.get("FIRST_GRASP", "counts")  # of the lifts
+# least force of a hand closed to the limit, even after slip; by touch, fingertips read too much
+GRIPPED_N = 7.0 if FIRST_GRASP == "counts" else 4.5
 MISREAD_N = 1.5  # error of fingertips without a fault
 PRESSED_N, TOUCH_N = 1.0, 0.05  # clear contact; less is no contact
 STILL_MPS, SLIDES_MPS = 1e-4, 1e-3

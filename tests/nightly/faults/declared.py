@@ -11,7 +11,7 @@ import msgspec
 
 from grasp.states import AIRBORNE_STATES, State
 from tests.nightly.faults.cases import Fault
-from tests.nightly.last_line import CANNOT_COMMAND
+from tests.nightly.last_line import CANNOT_COMMAND, FIRST_GRASP
 
 # the object may already rise before the hand is closed to the limit
 AIR = frozenset(phase.value for phase in AIRBORNE_STATES) | {"grasp.baseline"}
@@ -54,6 +54,13 @@ DECLARED = (
         frozenset({"missed", "dropped"}), r"^(dropped|cap_reached|undetected|alarm_stayed);",
         lasting=False,
     ),
+    *([Declared(
+        "by touch, two wrong signals look like a contact, or hide one, before the object rises",
+        r"fingertips finger . (sticks high|close|drifts|frozen)", ANY,
+        frozenset({"misleading", "missed", "hand"}),
+        r"feels nothing|nothing is between|not open|fingertip_dead|^(expelled|cap_reached);",
+        lasting=False,
+    )] if FIRST_GRASP == "touch" else []),
     Declared(
         "an object that slips with the force of the first grasp cannot be held without a closing",
         r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,

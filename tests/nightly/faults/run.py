@@ -30,7 +30,7 @@ from tests.nightly.faults.wires import (
     PadWire,
     Wire,
 )
-from tests.nightly.last_line import WAY_OUT
+from tests.nightly.last_line import FIRST_GRASP, WAY_OUT
 
 LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # observation after the end, and its period
 OFF_TABLE_M = 0.001
@@ -260,10 +260,11 @@ def run(case: Case) -> Ended:
 
 def _run(moment: Moment) -> Ended:
     case, injection = moment.case, Injection()
+    grasp = f"controller.first_grasp={FIRST_GRASP}"
     world = () if case.description is None else case.description.world
     config, true = (
         load_config(case.object, "simulated", None, None, settings).for_lift().built_for(case.seed)
-        for settings in ((), world)
+        for settings in ((grasp,), (grasp, *world))
     )
     rig = injection.rig = simulated(true, case.seed, paced=False, wrappers=injection.wires)
     injection.pads.description = case.description
