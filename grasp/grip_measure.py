@@ -21,7 +21,7 @@ STAGE_SHARE = 0.7
 SPARE = 1.3  # the first stage is at least one count where so many would fit
 # One finger against an object that the table holds is 1.5 times as stiff as against two fingers
 FREE_SHARE = 2 / 3
-LEAST_SHARE = 0.5  # of the rise on the table, that the first one in the air has at least; assumed
+LEAST_SHARE = 0.5  # of the rise before, that the first one in the air has at least; assumed
 ERROR_N = 0.5  # of a rise between two readings; assumed
 # Fingertips saturate: the force counts as at least this share of what the first reading predicts
 LINE_SHARE = 0.9
@@ -113,8 +113,8 @@ class GripMeasure:
         if self.measured and not self._replaces:
             rise_n = max(self.rise_n, rise_n)
         elif self._replaces:
-            least_n = LEAST_SHARE * self.rise_n if self.measured else ERROR_N / (a - was)
-            rise_n = max(rise_n, least_n)
+            by_share = self.measured or self._alone
+            rise_n = max(rise_n, LEAST_SHARE * self.rise_n if by_share else ERROR_N / (a - was))
         self.rise_n, self.measured, self._replaces = rise_n, True, False
 
     def begin(self) -> None:

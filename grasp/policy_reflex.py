@@ -115,10 +115,7 @@ class PolicyObservation(Observation, kw_only=True):
 
     @property
     def at_cap(self) -> bool:
-        if not self.below_limit:
-            return super().at_cap
-        end, thumb = self.thumb_limit_counts, self.gripper.fingers[0]
-        return self.gripper.at_rest and end is not None and thumb.position_counts >= end
+        return not self.below_limit and super().at_cap
 
 
 class PolicyArmHistory(ArmHistory):

@@ -111,11 +111,12 @@ def test_where_position_alone_bounds_the_first_stage_by_a_guess_is_one_count() -
         hand.at((50, 50, 50), (2.0, 2.0)).begin()
         assert hand.measure.limit_counts == 50 + counts
     assert hand.at((51, 50, 50), (3.0, 3.0)).limit_counts == 59  # 7 + 1 N, 1 N a count
+    assert hand.measure.rise_n == pytest.approx(1.0)
 
 
 def test_first_rise_after_a_grasp_by_a_guess_is_not_taken_for_less_than_its_error() -> None:
-    for counts, rise_n in ((1, 0.5), (5, 0.2)):
-        hand = Hand()
+    for counts, alone, rise_n in ((1, False, 0.5), (5, False, 0.2), (5, True, GUESS_N / 2)):
+        hand = Hand(alone)
         hand.at((50, 50, 50), (2.0, 2.0)).begin()
         force_n = 2.0 + 0.2 * counts
         assert hand.at((50 + counts, 50, 50), (force_n, force_n)).rise_n == pytest.approx(rise_n)

@@ -191,7 +191,7 @@ def test_a_closing_for_slip_goes_on_where_a_stage_leaves_room(held: Scene) -> No
 def test_b_and_c_that_met_an_object_close_again_only_after_the_hand_has_opened(
     empty: Scene,
 ) -> None:
-    assert empty.step(move(60, 80, 80), force_n=(0.0, 0.5, 0.5)).hand == move(60, 55, 55)
+    assert empty.step(move(60, 80, 80), force_n=(0.5, 0.0, 0.0)).hand == move(55, 55, 55)
     assert empty.step(move(61, 80, 80), force_n=AT_REST).hand == move(61, 55, 55)
     empty.step(move(50, 50, 50))
     assert empty.step(move(60, 80, 80)).hand == move(60, 80, 80)
@@ -204,6 +204,16 @@ def test_the_thumb_of_a_hand_stronger_than_the_limit_waits_for_b_and_c(
     assert strong.step(move(70, 70, 55)).hand == move(55, 70, 55)
     assert strong.step(move(70, 55, 55)).hand == move(70, 55, 55)
     assert strong.step(move(71, 71, 71), force_n=(0.0, 0.5, 0.5)).hand == move(71, 55, 55)
+
+
+def test_the_first_closing_of_a_hand_stronger_than_the_limit_is_one_count_by_a_guess(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    strong = Scene(monkeypatch, limit_n=8.0)
+    strong.step(steps=HOLDS)
+    first = strong.step(slip=1.0, steps=2).hand
+    assert isinstance(first, CloseFast) and first.limits_counts[0] == 56
+    assert first.force_cap_n == 10.0  # the least of this hand
 
 
 def test_opening_is_refused_only_where_an_object_is_held(empty: Scene) -> None:
