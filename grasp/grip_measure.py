@@ -78,9 +78,9 @@ class GripMeasure:
         sides_n, in_air = (thumb_n, b_n + c_n), self.first is not None and responsive
         in_grip = min(sides_n) >= IN_GRIP_N
         if self.now is None:
-            self._take_rise(Reading(positions, sides_n, in_air), responsive)
-            start = self._start or Reading(positions, sides_n, True)
-            self._start = start if self._alone and in_grip else None
+            read = Reading(positions, sides_n, in_air)
+            self._take_rise(read, responsive)
+            self._start = (self._start or read) if self._alone and in_grip else None
         least_n, start = 0.0, self.first or self._start
         if start is not None:
             counts = positions[0] - start.positions[0]
