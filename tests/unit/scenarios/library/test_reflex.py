@@ -196,8 +196,9 @@ def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
 def test_a_force_limit_that_the_hand_cannot_keep_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"settings: guard\.force_limit_n"):
         grasp.reflex(force_limit_n=1000.0)
-    with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
-        grasp.reflex(force_limit_n=5.0, settings={"guard.cap_mode": "each_motor"})
+    for by_force in ({"guard.cap_mode": "each_motor"}, {"controller.first_grasp": "counts"}):
+        with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
+            grasp.reflex(force_limit_n=5.0, settings={**by_force, "controller.grip_force_n": 10.0})
 
 
 @pytest.mark.parametrize("name", ["can", "ball", "box", "cardboard", "foam", "football"])
