@@ -21,8 +21,9 @@ STAGE_SHARE = 0.7
 SPARE = 1.3  # the first stage is at least one count where so many would fit
 # One finger against an object that the table holds is 1.5 times as stiff as against two fingers
 FREE_SHARE = 2 / 3
-LEAST_SHARE = 0.5  # of the rise on the table, that the first one in the air has at least; assumed
-# Fingertips saturate: the force counts as at least this share of what the first grasp predicts
+LEAST_SHARE = 0.5  # of the rise before, that the first one in the air has at least; assumed
+ERROR_N = 0.5  # of a rise between two readings; assumed
+# Fingertips saturate: the force counts as at least this share of what the first reading predicts
 LINE_SHARE = 0.9
 
 
@@ -32,20 +33,25 @@ class Reading(msgspec.Struct, frozen=True):
     positions: Counts3
     sides_n: tuple[float, float]  # of the thumb, and of B and C together
     in_air: bool  # the fingers alone hold the object, so that both sides bear the same
+    least_n: float = 0.0  # that the first reading and the counts since predict
 
     @property
     def force_n(self) -> float:
         """Force of the grip. The errors of both sides are partly opposite, so their mean counts;
         until the lift, the larger one, because the table may hold the object."""
-        return sum(self.sides_n) / 2 if self.in_air else max(self.sides_n)
+        felt_n = sum(self.sides_n) / 2 if self.in_air else max(self.sides_n)
+        return max(felt_n, self.least_n)
 
 
 class GripMeasure:
     """Call ``update`` once a sample. ``rise_n``: force per count, the largest seen in the grip;
     until there is one, the guess that was given."""
 
-    def __init__(self, guess_n: float, limit_n: float, overshoot_n: float) -> None:
-        self._limit_n, self._overshoot_n = limit_n, overshoot_n
+    def __init__(
+        self, guess_n: float, limit_n: float, overshoot_n: float, alone: bool = False
+    ) -> None:
+        """``alone``: nothing else bounds the force."""
+        self._limit_n, self._overshoot_n, self._alone = limit_n, overshoot_n, alone
         self._guess_n = self.rise_n = guess_n
         self.measured = False  # ``rise_n`` is no guess any more
         self._replaces = False  # the next rise is the first in the air, where no table holds
@@ -54,6 +60,7 @@ class GripMeasure:
         self.now: Reading | None = None  # at these positions; None while the hand moves
         self._before: Reading | None = None  # at the positions before
         self.first: Reading | None = None  # when the first grasp was complete
+        self._start: Reading | None = None  # the earliest in the grip, until the first grasp
         self.lifted: Reading | None = None  # the last one in the air, of both sides
         self.limit_counts: int | None = None  # of the thumb, for the next closing
 
@@ -68,12 +75,18 @@ class GripMeasure:
         if self._since_ns is None or t_ns - self._since_ns < READ_NS:
             return
         thumb_n, b_n, c_n = estimated_n
-        first = self.now is None
-        in_air = self.first is not None and responsive
-        self.now = Reading(positions, (thumb_n, b_n + c_n), in_air)
-        if first:
-            self._take_rise(self.now, responsive)
-        if in_air and min(self.now.sides_n) >= IN_GRIP_N:
+        sides_n, in_air = (thumb_n, b_n + c_n), self.first is not None and responsive
+        in_grip = min(sides_n) >= IN_GRIP_N
+        if self.now is None:
+            read = Reading(positions, sides_n, in_air)
+            self._take_rise(read, responsive)
+            self._start = (self._start or read) if self._alone and in_grip else None
+        least_n, start = 0.0, self.first or self._start
+        if start is not None:
+            counts = positions[0] - start.positions[0]
+            least_n = start.force_n + LINE_SHARE * self.rise_n * counts
+        self.now = Reading(positions, sides_n, in_air, least_n)
+        if in_air and in_grip:
             self.lifted = self.now
         if self.first is not None:
             self._set_limit(self.now)
@@ -100,7 +113,8 @@ class GripMeasure:
         if self.measured and not self._replaces:
             rise_n = max(self.rise_n, rise_n)
         elif self._replaces:
-            rise_n = max(rise_n, LEAST_SHARE * self.rise_n)
+            by_share = self.measured or self._alone
+            rise_n = max(rise_n, LEAST_SHARE * self.rise_n if by_share else ERROR_N / (a - was))
         self.rise_n, self.measured, self._replaces = rise_n, True, False
 
     def begin(self) -> None:
@@ -111,12 +125,10 @@ class GripMeasure:
             self._set_limit(self.now)
 
     def _set_limit(self, now: Reading) -> None:
-        force_n, counts = now.force_n, 0
-        if self.first is not None:
-            counts = now.positions[0] - self.first.positions[0]
-            force_n = max(force_n, self.first.force_n + LINE_SHARE * self.rise_n * counts)
-        fit = (self._limit_n - force_n) / self.rise_n
+        fit = (self._limit_n - now.force_n) / self.rise_n
         stage = max(0, math.floor(STAGE_SHARE * fit), int(fit >= SPARE))
-        if counts > 0:
+        if self._alone and not self.measured:
+            stage = min(stage, 1)
+        elif self.first is not None and now.positions[0] > self.first.positions[0]:
             stage = max(0, math.floor(fit + self._overshoot_n / self.rise_n))
         self.limit_counts = now.positions[0] + stage

@@ -24,7 +24,7 @@ from grasp.grip_measure import GripMeasure
 from grasp.observation import Observation
 
 CLOSED = 255  # counts
-TOUCHED_N = 1.0  # from here on a finger closes by single counts in a first grasp by touch; assumed
+TOUCHED_N = 0.3  # from here on a finger closes by single counts in a first grasp by touch; assumed
 THUMB_ALONE = (True, False, False)
 # Margins of safe travel, both assumed: the contact may be this many times stiffer than stated, and
 # the first grasp this much stronger than estimated
@@ -112,8 +112,8 @@ class ForceGuard:
         # the hand's force byte bounds the force only where it can be low enough
         self._force_n = max(limit_n, least_force_n) if touch else limit_n
         self._least_speed_mps = least_speed_mps
-        guess_n = stiffness.newtons_per_count
-        self.grip = GripMeasure(guess_n, limit_n, s.overshoot_n) if touch else None
+        guess_n, alone = stiffness.newtons_per_count, least_force_n > limit_n
+        self.grip = GripMeasure(guess_n, limit_n, s.overshoot_n, alone) if touch else None
         if least_force_n > limit_n and not touch:
             raise ConfigError(
                 "guard", "force_limit_n",
@@ -303,11 +303,12 @@ class ForceGuard:
         if grip.limit_counts is not None:
             a, b, c = state.requested  # no limit makes a finger open
             return max(a, grip.limit_counts), b + 1, c + 1
-        most_n = max(estimated_n[0], estimated_n[1] + estimated_n[2])
-        more = int(most_n + grip.rise_n <= self._settings.force_limit_n)
+        now, most_n = grip.now, self._settings.force_limit_n - grip.rise_n
+        more = now is not None and now.force_n <= most_n
+        fingers = zip(state.positions, state.requested, estimated_n, strict=True)
         a, b, c = (
-            at + more if n >= TOUCHED_N else CLOSED
-            for at, n in zip(state.positions, estimated_n, strict=True)
+            CLOSED if n < TOUCHED_N else at + 1 if more else min(at + 1, asked)
+            for at, asked, n in fingers
         )
         return a, b, c
 

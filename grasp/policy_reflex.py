@@ -2,16 +2,17 @@
 
 It uses the application's detector, slip monitor, slip response and force guard, on these rules:
 
-1. No command has more force than the limit, and the fingers close at most at the speed of the
-   application's grasp.
-2. From the first contact on, only the thumb closes, because it carries the sum of B and C. Once
-   the thumb and another finger touch, the arm stands still until the hand has rested for settle
+1. No command has more force than the limit, or than the least force of a stronger hand, and the
+   fingers close at most at the speed of the application's grasp.
+2. From the first contact on, only the thumb closes, because it carries the sum of B and C: by
+   single counts, and once an object is held, to the bound that the guard has measured. Once the
+   thumb and another finger touch, the arm stands still until the hand has rested for settle
    and baseline time (0.6 s). From then on the object is *held*.
 3. While the object is held, the fingers open for ``OpenFingers`` alone, the explicit release.
-4. When slip is registered, the hand closes to the limit and the policy's fingers wait. The arm
+4. When slip is registered, the hand closes to that bound and the policy's fingers wait. The arm
    stops until slip is over; it may only go straight down. The same holds for the arm while the
    fingers of a policy move, because slip is not monitored then.
-5. If slip continues at the limit, the arm may only go down until the object is released.
+5. If slip continues at the bound, the arm may only go down until the object is released.
 6. The arm is no faster than its limit. A closed hand that has lifted nothing goes down only so fast
    that it stops within the force limit where it meets something.
 7. After a fault, or if contact is lost, arm and hand stay in the application's safe state until
@@ -215,6 +216,7 @@ class Reflex:
         self._controller = self._step.controller
         self._sent: GripperCommand | None = None  # the last command to the hand
         self._below_limit = False
+        self._met = False  # a finger has touched since the hand last opened
         self._lifted = False  # the held object has risen
         self._last_ns: int | None = None
 
@@ -295,16 +297,20 @@ class Reflex:
             return self._guarded(wanted, gripper)
         if opens and held:
             refused.append("opening: the object is held, and only OpenFingers releases it")
-        if wanted.force_n > self._limit_n:
+        if wanted.force_n > max(self._limit_n, self._least_n):
             refused.append(f"force {wanted.force_n:g} N: the limit is {self._limit_n:g} N")
         if wanted.force_n < self._least_n:
             refused.append(f"force {wanted.force_n:g} N: the hand's least is {self._least_n:g} N")
         targets, speed_mps = wanted.targets_counts, wanted.speed_mps
         force_n = max(wanted.force_n, self._least_n)
-        if self._controller.touches(obs):
+        self._met = self._controller.touches(obs) or (self._met and not opens)
+        if self._met:
             targets = _in_contact(targets, gripper, held)
             if targets == gripper.requested:
                 return None
+        elif self._least_n > self._limit_n and _others_close(targets, gripper):
+            # position alone bounds the force, so no two sides meet an object at twice the speed
+            targets = (min(targets[0], gripper.positions[0]), *targets[1:])
         if any(target > at for target, at in zip(targets, gripper.positions, strict=True)):
             speed_mps = min(speed_mps, self._settings.grip_speed_mps)
         hand = self._guarded(MoveFingers(targets, speed_mps, force_n), gripper)
@@ -413,6 +419,12 @@ def _in_contact(wanted: Counts3, gripper: GripperState, held: bool) -> Counts3:
     if held:
         return max(wanted[0], a), b, c
     return wanted[0], min(wanted[1], b), min(wanted[2], c)
+
+
+def _others_close(targets: Counts3, gripper: GripperState) -> bool:
+    """Whether finger B or C is to close."""
+    _, *others = zip(targets, gripper.positions, strict=True)
+    return any(target > at for target, at in others)
 
 
 def _present_target(finger: FingerState) -> int:

@@ -10,15 +10,18 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
-from drivers.errors import Refused, UsageError
+from drivers.errors import Refused
 from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
 from grasp.commands import MoveFingers
 from grasp.policy_reflex import Admitted, PolicyCommand
 from scenarios.campaign.config import load_config
 from scenarios.library.reflex import make_reflex
 from scenarios.lift.scoring import LIFTED_M
+from scenarios.rigs.calibration import calibration
+from scenarios.rigs.config import wider
 from scenarios.rigs.simulated import simulated
-from scenarios.trial.execution import grip_plan
+from scenarios.trial.execution import PRESHAPE_COUNTS, THUMB_BACK_COUNTS
+from scenarios.world.settings import HALF_APERTURE_M
 
 Floats = NDArray[np.float32]
 TOP_M = 0.25  # highest position of the arm above the grasp
@@ -71,7 +74,11 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
             "hand.activation_s=0.1", f"controller.reactions={str(bool(options['reflex'])).lower()}"
         )  # fmt: skip
         config = load_config(options["object"], "simulated", options["detector"], None, settings)
-        self._config, self._limit_n = config.for_lift(), config.guard.force_limit_n
+        self._config, known = config.for_lift(), calibration(config)
+        self._force_n = max(config.guard.force_limit_n, known.least_force_n)
+        free_m = HALF_APERTURE_M - wider(config.object, config.variation).half_width_m
+        b = max(0, round(free_m / known.m_per_count) - PRESHAPE_COUNTS)
+        self._start = max(0, b - THUMB_BACK_COUNTS), b, b
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -85,9 +92,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         world = int(self.np_random.integers(2**31))
         self._rig = simulated(self._config.built_for(world), world, paced=False)
         self.reflex = make_reflex(self._config)
-        preshape, s = grip_plan(self._config).preshape_counts, self._config.controller
-        devices = self._rig.devices
-        devices.gripper.move_to(preshape, s.approach_speed_mps, self._limit_n)
+        devices, s = self._rig.devices, self._config.controller
+        devices.gripper.move_to(self._start, s.approach_speed_mps, self._force_n)
         self._wait()
         while devices.gripper.state is None or not devices.gripper.state.at_rest:
             self._wait()
@@ -96,14 +102,13 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
             try:
                 while not devices.tactile.rest_taken:
                     self._wait()
-            except Refused as loaded:  # or unsteady by chance: take it again
+            except Refused:  # unsteady by chance: take it again
                 if tries == REST_TRIES:
-                    remedy = "lower object.grip_counts: the object is wider than they say"
-                    raise UsageError(loaded.message, remedy) from loaded
+                    raise
             else:
                 break
         self._home_m, self._lifted = self.states()[2].position_m[2], False
-        hold = PolicyCommand(hand=MoveFingers(preshape, s.grip_speed_mps, self._limit_n))
+        hold = PolicyCommand(hand=MoveFingers(self._start, s.grip_speed_mps, self._force_n))
         admitted = self.reflex.step(*self.states(), hold, t_ns=self._rig.clock.now_ns)
         return self._observation(admitted), self._info(admitted, 0.0)
 
@@ -126,7 +131,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats]):
         )  # the ends are approached slowly
         speed_mps = min(speed_mps, (TOP_M - height_m) / BRAKE_S)
         wanted = PolicyCommand(
-            hand=MoveFingers((a, b, c), s.grip_speed_mps, self._limit_n),
+            hand=MoveFingers((a, b, c), s.grip_speed_mps, self._force_n),
             arm_velocity_mps=(0.0, 0.0, speed_mps),
         )
         admitted = self.reflex.step(frame, gripper, arm, wanted, t_ns=self._rig.clock.now_ns)

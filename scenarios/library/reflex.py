@@ -12,13 +12,19 @@ from scenarios.trial.execution import make_controller, make_step
 
 
 def make_reflex(config: TrialConfig) -> Reflex:
-    """The reflex for an unknown object: its contact is as stiff as the guard assumes.
+    """The reflex for an unknown object: it closes by touch, and its contact is as stiff as the
+    guard assumes until that is measured. By counts, the default with ``each_motor``, the force byte
+    alone bounds the force.
 
     Raises ConfigError for a force limit that the hand cannot keep, BadFile for a damaged detector.
     """
     replace = msgspec.structs.replace
     unknown = replace(config.object, grip_counts=(0, 0, 0), contact_stiffness_npm=None)
-    config, detector = replace(config, object=unknown), config.make_detector(FINGERS)
+    by_default = "touch" if config.guard.cap_mode == "every_finger" else "counts"
+    first = config.controller.first_grasp or by_default
+    controller = replace(config.controller, first_grasp=first, firm=False)
+    config = replace(config, object=unknown, controller=controller)
+    detector = config.make_detector(FINGERS)
 
     def parts() -> GraspStep:
         monitors = Monitors(config.monitors)

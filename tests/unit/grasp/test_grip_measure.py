@@ -12,8 +12,8 @@ STEP_NS = 10_000_000
 class Hand:
     """A hand that closes on a contact and rests after each motion, before a measure."""
 
-    def __init__(self) -> None:
-        self.measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
+    def __init__(self, alone: bool = False) -> None:
+        self.measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N, alone)
         self.t_ns = 0
 
     def at(
@@ -91,6 +91,35 @@ def test_a_later_stage_uses_the_whole_room_and_the_accepted_overshoot() -> None:
     hand = gripped(2.0)  # 3 N at 51 counts
     assert hand.at((53, 50, 50), (6.5, 6.5)).limit_counts == 55  # 4.5 N fit into 2 counts of 2 N
     assert gripped(2.0).at((54, 50, 50), (8.5, 8.5)).limit_counts == 55  # 2.5 N, one count
+
+
+def test_where_position_alone_bounds_force_counts_as_what_the_first_reading_predicts() -> None:
+    hand = Hand(alone=True)
+    hand.at((50, 50, 50), (1.0, 1.0))
+    hand.at((51, 50, 50), (3.0, 3.0))
+    silent = hand.at((54, 50, 50), (3.0, 3.0)).now
+    assert silent is not None and silent.force_n == pytest.approx(1.0 + 0.9 * 2.0 * 4)
+    opened = hand.at((40, 50, 50), (0.0, 0.0)).now
+    assert opened is not None and opened.force_n == 0.0
+    again = hand.at((45, 50, 50), (2.0, 2.0)).now
+    assert again is not None and again.force_n == 2.0
+
+
+def test_where_position_alone_bounds_the_first_stage_by_a_guess_is_one_count() -> None:
+    for alone, counts in ((False, 2), (True, 1)):
+        hand = Hand(alone)
+        hand.at((50, 50, 50), (2.0, 2.0)).begin()
+        assert hand.measure.limit_counts == 50 + counts
+    assert hand.at((51, 50, 50), (3.0, 3.0)).limit_counts == 59  # 7 + 1 N, 1 N a count
+    assert hand.measure.rise_n == pytest.approx(1.0)
+
+
+def test_first_rise_after_a_grasp_by_a_guess_is_not_taken_for_less_than_its_error() -> None:
+    for counts, alone, rise_n in ((1, False, 0.5), (5, False, 0.2), (5, True, GUESS_N / 2)):
+        hand = Hand(alone)
+        hand.at((50, 50, 50), (2.0, 2.0)).begin()
+        force_n = 2.0 + 0.2 * counts
+        assert hand.at((50 + counts, 50, 50), (force_n, force_n)).rise_n == pytest.approx(rise_n)
 
 
 def test_first_rise_in_the_air_replaces_that_on_the_table_but_not_by_less_than_half() -> None:

@@ -328,3 +328,12 @@ def test_thumb_limit_depends_only_on_the_thumb() -> None:
 def test_each_motor_limit_is_described_with_the_double_force_of_the_thumb() -> None:
     assert "20 N" in limit_in_words(10.0, "each_motor")
     assert "20 N" not in limit_in_words(10.0, "every_finger")
+
+
+def test_before_a_grasp_by_touch_a_finger_that_moves_and_touches_stops_one_count_further() -> None:
+    by_touch = ForceGuard(GuardSettings(), 10.0, RIGID, touch=True)
+    free, felt, target = NO_FORCE, (0.4, 0.0, 0.0), MoveFingers((80, 60, 60), 0.022, 10.0)
+    for estimated_n, requested, thumb in ((free, 80, 80), (felt, 80, 56), (felt, 55, 55)):
+        state = gripper(requested=(requested, 55, 55))
+        admitted = by_touch.admit(target, state, estimated_n)
+        assert isinstance(admitted, MoveFingers) and admitted.targets_counts == (thumb, 60, 60)

@@ -18,8 +18,8 @@ from drivers.errors import ConfigError, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Detection
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.policy_reflex import AT_REST, PolicyCommand
-from grasp.settings import config_dir
 from grasp.states import State
+from scenarios.campaign.config import load_config
 from scenarios.library.lift_environment import LiftEnvironment
 
 OPEN = MoveFingers((0, 0, 0), 0.022, 10.0)
@@ -196,14 +196,35 @@ def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
 def test_a_force_limit_that_the_hand_cannot_keep_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"settings: guard\.force_limit_n"):
         grasp.reflex(force_limit_n=1000.0)
-    with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
-        grasp.reflex(force_limit_n=5.0)
+    for by_force in ({"guard.cap_mode": "each_motor"}, {"controller.first_grasp": "counts"}):
+        with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
+            grasp.reflex(force_limit_n=5.0, settings={**by_force, "controller.grip_force_n": 10.0})
 
 
-def test_environment_names_an_object_that_is_too_wide_for_its_counts(tmp_path: Path) -> None:
-    can = (config_dir() / "objects/can.toml").read_text(encoding="utf-8")
-    wide = can.replace('name = "can"', 'name = "tin"').replace("0.0356", "0.06")
-    (tmp_path / "tin.toml").write_text(wide, encoding="utf-8")
-    with pytest.raises(UsageError, match="unsteady at rest") as caught:
-        LiftEnvironment(str(tmp_path / "tin.toml")).reset(seed=0)
-    assert "grip_counts" in caught.value.remedy
+@pytest.mark.parametrize("name", ["can", "ball", "box", "cardboard", "foam", "football"])
+def test_environment_starts_just_short_of_an_object_of_any_width(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "thin.toml").write_text("[variation]\nwidth_error_m = -0.00385\n", encoding="utf-8")
+    obs, _ = LiftEnvironment(name).reset(seed=0)
+    counts = np.array(load_config(name, "simulated").object.grip_counts)
+    assert np.abs(obs["fingers"] - np.maximum(6, counts - [30, 15, 15])).max() <= 2  # 6: open
+    monkeypatch.setenv("GRASP_CONFIG", str(tmp_path / "thin.toml"))
+    thin, info = LiftEnvironment(name).reset(seed=0)
+    assert thin["fingers"][1] == obs["fingers"][1] + 5 and not info["touched"]
+
+
+def test_a_hand_stronger_than_the_limit_closes_by_touch_and_lifts_within_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hand = '[gripper]\ncalibration = "manual"\n[hand]\nleast_force_n = 15.0\n'
+    (tmp_path / "hand.toml").write_text(hand, encoding="utf-8")
+    monkeypatch.setenv("GRASP_CONFIG", str(tmp_path / "hand.toml"))
+    for name in ("can", "ball"):
+        env = LiftEnvironment(name)
+        _, info = env.reset(seed=0)
+        for step in range(800):
+            lifts = step > 300 and info["admitted"].held
+            *_, info = env.step(np.array([1.0, 1.0, 1.0, lifts], np.float32))
+            assert not info["admitted"].refused or lifts or step < 300
+        assert info["held"] and info["peak_force_n"] < 11.0

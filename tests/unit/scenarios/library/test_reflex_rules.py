@@ -20,6 +20,7 @@ REST, MOVES, TOUCHES = Detection.AT_TARGET, Detection.MOVING, Detection.CONTACT_
 ALL_REST, THUMB_MOVES, THUMB_LATCHED = (REST,) * 3, (MOVES, REST, REST), (TOUCHES, REST, REST)
 GRIP: Vector3 = (2.0, 1.0, 1.0)  # N
 UP, DOWN, ASIDE = (0.0, 0.0, 0.1), (0.0, 0.0, -0.1), (0.1, 0.0, 0.1)
+READ = 7  # steps at rest after which the force is read
 HOLDS = 62  # steps at rest after which an object is held
 COUNTS_PER_NEWTON, TAXELS = 160, 6
 
@@ -71,6 +72,14 @@ class Scene:
             state = ArmState(self.t_ns, 0, place, AT_REST, False)
             admitted = self.reflex.step(frame, at, state, wanted)
         return admitted
+
+    def close_thumb(self, count: int, force_n: float) -> None:
+        """Move the thumb there; its force rises by 1 N a step."""
+        self.step(positions=(count, 55, 55), detections=THUMB_MOVES)
+        while self.force_n[0] < force_n:
+            a, b, c = self.force_n
+            self.step(force_n=(a + 1.0, b + 0.5, c + 0.5))
+        self.step(detections=ALL_REST)
 
 
 @pytest.fixture
@@ -147,12 +156,64 @@ def test_a_thumb_latched_at_the_limit_cannot_and_the_arm_may_only_lower(held: Sc
 
 
 def test_in_contact_only_the_thumb_closes_and_a_held_object_is_not_opened(grip: Scene) -> None:
-    assert grip.step(move(70, 80, 50)).hand == move(70, 55, 50)
+    assert grip.step(move(70, 80, 50)).hand == move(55, 55, 50)  # the force was not read yet
     assert grip.step(move(50, 80, 55)).hand == move(50, 55, 55)  # not held yet: it may open
     grip.step(steps=HOLDS)
     kept = grip.step(move(48, 80, 50))
     assert kept.hand is None and "opening" in kept.refused[0]
-    assert grip.step(move(70, 80, 50)).hand == move(70, 55, 55)
+    assert grip.step(move(70, 80, 50)).hand == move(57, 55, 55)  # 0.7 of the room to 10 N
+
+
+def test_before_the_grasp_the_thumb_closes_by_one_count_after_each_reading(grip: Scene) -> None:
+    for at, force_n in enumerate((2.0, 4.0, 6.0, 8.0), 55):
+        grip.close_thumb(at, force_n)
+        assert grip.step(move(70, 55, 55)).hand in (None, move(at, 55, 55))
+        grip.step(steps=READ)
+        more = grip.step(move(70, 55, 55)).hand
+        assert more == (move(at + 1, 55, 55) if force_n < 8.0 else None)  # 2 N a count
+
+
+def test_a_closing_for_slip_ends_at_the_measured_bound(held: Scene) -> None:
+    first = held.step(slip=1.0, steps=2).hand
+    assert isinstance(first, CloseFast) and first.limits_counts[0] == 57
+    held.close_thumb(57, 8.0)  # 3 N a count: no room is left
+    assert {type(held.step().hand) for _ in range(100)} == {type(None)}
+    assert held.step(steps=20).exhausted
+
+
+def test_a_closing_for_slip_goes_on_where_a_stage_leaves_room(held: Scene) -> None:
+    held.step(slip=1.0, steps=2)
+    held.close_thumb(57, 4.0)  # 1 N a count: room for 6 counts and the overshoot
+    hands = [held.step().hand for _ in range(60)]
+    assert {hand.limits_counts[0] for hand in hands if isinstance(hand, CloseFast)} == {64}
+
+
+def test_b_and_c_that_met_an_object_close_again_only_after_the_hand_has_opened(
+    empty: Scene,
+) -> None:
+    assert empty.step(move(60, 80, 80), force_n=(0.5, 0.0, 0.0)).hand == move(55, 55, 55)
+    assert empty.step(move(61, 80, 80), force_n=AT_REST).hand == move(61, 55, 55)
+    empty.step(move(50, 50, 50))
+    assert empty.step(move(60, 80, 80)).hand == move(60, 80, 80)
+
+
+def test_the_thumb_of_a_hand_stronger_than_the_limit_waits_for_b_and_c(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    strong = Scene(monkeypatch, AT_REST, limit_n=5.0)
+    assert strong.step(move(70, 70, 55)).hand == move(55, 70, 55)
+    assert strong.step(move(70, 55, 55)).hand == move(70, 55, 55)
+    assert strong.step(move(71, 71, 71), force_n=(0.0, 0.5, 0.5)).hand == move(71, 55, 55)
+
+
+def test_the_first_closing_of_a_hand_stronger_than_the_limit_is_one_count_by_a_guess(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    strong = Scene(monkeypatch, limit_n=8.0)
+    strong.step(steps=HOLDS)
+    first = strong.step(slip=1.0, steps=2).hand
+    assert isinstance(first, CloseFast) and first.limits_counts[0] == 56
+    assert first.force_cap_n == 10.0  # the least of this hand
 
 
 def test_opening_is_refused_only_where_an_object_is_held(empty: Scene) -> None:
@@ -212,7 +273,7 @@ def test_a_closed_hand_goes_down_slowly_until_it_has_lifted_an_object(empty: Sce
 
 def test_an_open_hand_goes_down_as_wanted(empty: Scene) -> None:
     opened = empty.step(move(80, 80, 80), arm=DOWN, positions=(20, 20, 20), force_n=GRIP)
-    assert opened.arm_velocity_mps == DOWN and opened.hand == move(80, 80, 80)
+    assert opened.arm_velocity_mps == DOWN
 
 
 def test_the_arm_is_no_faster_than_its_limit(empty: Scene) -> None:
