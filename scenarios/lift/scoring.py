@@ -17,6 +17,7 @@ from scenarios.world.truth import Truth
 NEAR_M, FAR_M = 0.06, 0.12  # of a long object's slip (paper, table IV)
 EARLY_S = 0.05  # registered this long before gross slip is no false start; assumed
 LEAST_GRIP_N = 0.5  # without a simulation: below this estimated force the object is lost; assumed
+SMALL_M = 0.001  # by touch, less slip than this that is not registered is no failure
 LIFTED_M = 0.005  # the object must be this far off the table at the end; assumed
 
 
@@ -94,7 +95,7 @@ def outcome(facts: LiftFacts, body: GraspObject) -> LiftOutcome:
         return failed
     if facts.registered_s is None:
         slipped = facts.onset_s is not None or (facts.mark is not None and facts.mark.moved_m > 0.0)
-        if slipped:
+        if slipped and not (facts.by_touch and (slip_distance_m(facts) or 0.0) < SMALL_M):
             return LiftOutcome.UNDETECTED
         if not facts.by_touch:
             return LiftOutcome.NEVER_SLIPPED
