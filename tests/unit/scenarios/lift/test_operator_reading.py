@@ -59,8 +59,11 @@ def test_operator_s_reading_decides_without_a_simulation() -> None:
         (facts(TapeMark(0.01, True), fault="x", peak_force_n=11.1), LiftOutcome.OVER_FORCE),
         (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),
         (facts(TapeMark(0.0, True), registered_s=None), LiftOutcome.NEVER_SLIPPED),
-        (facts(TapeMark(0.0, True), registered_s=None, by_touch=True), LiftOutcome.HELD),
-        (facts(TapeMark(0.0009, True), registered_s=None, by_touch=True), LiftOutcome.HELD),
+        (facts(TapeMark(0.0, True), registered_s=None, by_touch=True), LiftOutcome.HELD_WITHIN_6CM),
+        (
+            facts(TapeMark(0.0009, True), registered_s=None, by_touch=True),
+            LiftOutcome.HELD_WITHIN_6CM,
+        ),
         (facts(TapeMark(0.0011, True), registered_s=None, by_touch=True), LiftOutcome.UNDETECTED),
     ):
         assert outcome(known, config().object) is verdict, verdict
