@@ -46,7 +46,7 @@ def test_a_user_object_is_named_by_its_path(user_file: UserFile) -> None:
         ("object = 3\n", "object", "missing"),
         ('[object]\nname = "can"\n', "object.name", "--object can"),
         ('[object]\nname = "mug"\n', "object.name", "--object mug"),
-        ('[object]\nname = "mine"\n', "object.grip_counts", "missing"),
+        ('[object]\nname = "mine"\n', "object.mass_kg", "missing"),
         ('[object]\nname = "mine"\nmass = 1\n', "object.mass", "mass_kg"),
         ('[object]\nname = "../x"\n', "object.name", "letter or digit first"),
     ],
