@@ -205,7 +205,8 @@ class GraspController:
         elif obs.gripper.requested != self._plan.shape_counts:  # the command did not arrive
             self._commands.append(self._preshape())
         else:
-            self._transition(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
+            cause = "the hand is open" if self._touch else "fingers short of the object"
+            self._transition(Trigger.SHAPED, obs, cause, BeginRest())
 
     # Grasp
 
@@ -258,7 +259,7 @@ class GraspController:
             self._transition(Trigger.GRIPPED, obs, "the fingertips feel the first force")
             self._reset_detector = True
         elif self.state is State.BRACE and touch.braced:
-            self._transition(Trigger.BRACED, obs, "fingers B and C brace the object", *commands)
+            self._transition(Trigger.BRACED, obs, "B and C wait, or touch the object", *commands)
         else:
             self._commands += commands
 

@@ -61,7 +61,6 @@ class GripMeasure:
         self._before: Reading | None = None  # at the positions before
         self.first: Reading | None = None  # when the first grasp was complete
         self._start: Reading | None = None  # the earliest in the grip, until the first grasp
-        self.lifted: Reading | None = None  # the last one in the air, of both sides
         self.limit_counts: int | None = None  # of the thumb, for the next closing
 
     def update(
@@ -82,12 +81,10 @@ class GripMeasure:
             self._take_rise(read, responsive)
             self._start = (self._start or read) if self._alone and in_grip else None
         least_n, start = 0.0, self.first or self._start
-        if start is not None:
+        if start is not None and self.measured:
             counts = positions[0] - start.positions[0]
             least_n = start.force_n + LINE_SHARE * self.rise_n * counts
         self.now = Reading(positions, sides_n, in_air, least_n)
-        if in_air and in_grip:
-            self.lifted = self.now
         if self.first is not None:
             self._set_limit(self.now)
 

@@ -58,7 +58,7 @@ class Touch:
 
     def begin(self, obs: Observation) -> GripperCommand:
         """The first command, with the hand open and rest counts taken."""
-        a, _, _ = obs.gripper.requested
+        a, _, _ = obs.gripper.positions  # an open hand stops short of its target
         return self._move(obs, Step.BRACE, (a, BRACE_COUNTS, BRACE_COUNTS))
 
     def update(self, obs: Observation) -> GripperCommand | None:
@@ -129,7 +129,7 @@ class Touch:
         if self.failed:
             return None
         _, b_n, c_n = obs.estimated_n
-        if others_n >= thumb_n - UNEVEN_N:
+        if others_n >= thumb_n - UNEVEN_N or nearest_n >= s.first_force_n:
             return self._by(obs, 1, 0, 0)
         return self._by(obs, 0, 1, 0) if b_n <= c_n else self._by(obs, 0, 0, 1)
 

@@ -10,6 +10,7 @@ from grasp.cli.lab import say
 from grasp.cli.output import show
 from grasp.cli.trials import is_asked, trials_of
 from scenarios.acquire.session import counts_per_newton
+from scenarios.campaign.config import UNNAMED
 from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.lab.preflight import gentle_settings
 from scenarios.rigs.calibration import calibration
@@ -80,7 +81,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
     stop = f", and stop it at {controller.slip_stop_mps2:g} m/s2 when the object slips"
     lines = [
         args.first and "close the fingers in free air to the grasp positions, and open them again",
-        asked and f"ask for {config.object.name} to be put between the fingers",
+        asked and f"ask for {_object(config)} to be put between the fingers",
         f"close the fingers {_where(config)} and further, at up to "
         f"{closing_mmps:.0f} mm/s, with at most {limit_n:g} N commanded per finger (byte 0 of this "
         f"hand: {known.least_force_n:g} N)",
@@ -93,6 +94,10 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
         trials > 1 and f"do this {trials} times, each from the first start position",
     ]  # fmt: skip
     return [line for line in lines if line]
+
+
+def _object(config: Any) -> str:
+    return "an object" if config.object.name == UNNAMED else str(config.object.name)
 
 
 def _where(config: Any) -> str:

@@ -14,6 +14,9 @@ from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.layers import check_read, trial_layers
 
 
+UNNAMED = "unnamed"  # an object of which nothing is known
+
+
 class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Resolved settings of a lift or a tap."""
 
@@ -52,7 +55,7 @@ def load_lift(object_name: str | None, *others: Any) -> RunConfig:
         config = replace(config, controller=replace(config.controller, first_grasp="touch"))
     by_touch = config.controller.first_grasp == "touch"
     if object_name is None and by_touch and config.rig == HARDWARE and config.object.name == "can":
-        unknown = {"name": "unnamed", "description": "", "contact_stiffness_npm": None}
+        unknown = {"name": UNNAMED, "description": "", "contact_stiffness_npm": None}
         config = replace(config, object=replace(config.object, **unknown, long_body=False))
     return config
 

@@ -237,7 +237,7 @@ HEADS = {
     "never_slipped": "The {it} did not slip, so there was no slip to respond to",
     "undetected": "The {it} slipped, but the slip was not registered",
     "false_start": "The hand responded to a slip of the {it} that did not happen",
-    "cap_reached": "The {it} still slipped at the force limit, so it was set down",
+    "cap_reached": "The {it} slipped on when the hand could close no further, so it was set down",
     "alarm_stayed": "The {it} was held, but slip stayed registered after it had stopped",
     "over_force": "A force on the {it} exceeded the limit",
     "registered": "The tap moved the {it}, and its slip was registered in time",
@@ -288,6 +288,8 @@ def sentence(run: RunRecord) -> str:
             f"Largest{known} force on a finger: {max(peaks_n.values()):.1f} N; commanded: "
             f"{verdict.commanded_force_n:.1f} N of {verdict.force_limit_n:g} N allowed {each}"
         )
+        if verdict.commanded_force_n > verdict.force_limit_n:
+            texts[-1] += ", the least of this hand, so that position bounds the force"
     return ". ".join(texts) + "."
 
 

@@ -331,11 +331,11 @@ def run_trial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
         bugs[0] if bugs else None, rig.release_hint,
         engine=getattr(getattr(detector, "engine", None), "name", None),
-        grip=grip_found(config, guard),
+        grip=grip_found(config, guard, trace.held_n),
     )  # fmt: skip
 
 
-def grip_found(config: TrialConfig, guard: ForceGuard) -> GripFound | None:
+def grip_found(config: TrialConfig, guard: ForceGuard, held_n: Vector3 | None) -> GripFound | None:
     """What the first grasp found by touch; None without one that was complete."""
     grip, known = guard.grip, calibration(config)
     if grip is None or grip.first is None:
@@ -347,7 +347,7 @@ def grip_found(config: TrialConfig, guard: ForceGuard) -> GripFound | None:
         width_m=2.0 * HALF_APERTURE_M - sum(closed_m),
         nearer_thumb_m=(closed_m[1] - closed_m[0]) / 2.0,
         first_force_n=grip.first.force_n,
-        sides_n=(grip.lifted or grip.first).sides_n,
+        held_sides_n=None if held_n is None else (held_n[0], held_n[1] + held_n[2]),
         stiffness_npm=grip.rise_n / known.m_per_count,
         stiffness_measured=grip.rise_n != stiffness(config).newtons_per_count,
         bound="force byte and travel" if weak else "travel",

@@ -67,7 +67,7 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
         """Run and judge one trial per seed, each with its own folder
         (``scenarios.trial.series``)."""
         used = self.configure(config, seeds, context.operator)
-        guard = make_guard(used)
+        make_guard(used)  # raises before any trial
         check_runs(context.runs)
 
         def attempt(
@@ -77,6 +77,7 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
             with Record(
                 used, self.name, seed, context.runs, rig.clock, context.look, home
             ) as record:
+                guard = make_guard(used)  # it remembers the grip of a trial
                 trial = self.act(used, seed, rig, guard, record.tick, context.operator, home)
                 finished = record.finish(trial, lambda: self.judge(used, seed, trial, record.path))
                 return finished, trial.controller.home

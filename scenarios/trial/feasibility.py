@@ -51,6 +51,10 @@ def check_touch(config: TrialConfig) -> None:
     if remedy := next(filter(None, other.values()), ""):
         problem = "touch closes the thumb alone, to a weak grip"
         raise ConfigError("controller", "first_grasp", problem, f"{remedy}, or counts")
+    first_n, limit_n = config.controller.first_force_n, config.guard.force_limit_n
+    if first_n >= limit_n:
+        problem = f"{first_n:g} N leaves no room to the force limit"
+        raise ConfigError("controller", "first_force_n", problem, f"less than {limit_n:g} N")
     counts = config.guard.counts_per_newton
     if config.real and not isinstance(counts, tuple):
         raise ConfigError(

@@ -22,6 +22,7 @@ class Trace:
         self.commanded_force_n = 0.0
         self.peak_estimated_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
         self.estimated_n = 0.0  # of the most loaded finger, before the object was set down
+        self.held_n: Vector3 | None = None  # estimated, in the hold
         self.reported: tuple[Fault, ...] = ()  # first fault of each check that ends no run
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # most saturated taxels at once, of each finger
         self._compensated = False
@@ -52,6 +53,8 @@ class Trace:
         held_up = phase in HELD_UP_STATES
         if held_up:
             self.estimated_n = max(obs.estimated_n)
+        if phase is State.HOLD:
+            self.held_n = obs.estimated_n
         if truth is None:
             return
         touched = truth.touched

@@ -10,6 +10,7 @@ from drivers.errors import ConfigError
 from scenarios.campaign.config import load_config, load_lift
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
+from scenarios.trial.series import TrialContext
 from scenarios.trial.feasibility import check_touch
 from scenarios.trial.replay import replay_run
 
@@ -109,8 +110,24 @@ def test_lift_on_real_devices_needs_no_object_and_is_by_touch_unless_the_grip_is
 def test_fingertips_or_a_hand_that_contradict_their_calibration_are_named() -> None:
     grip = lifted("foam", "variation.width_error_m=0.003").grip
     assert grip is not None and len(grip.lines) == 1
-    wrong = msgspec.structs.replace(grip, sides_n=(3.3, 2.0))
-    assert wrong.lines[1:] == ["A reads 3.3 N, B + C 2.0 N: calibrate each finger"]
+    wrong = msgspec.structs.replace(grip, held_sides_n=(4.3, 2.0))
+    assert wrong.lines[1:] == ["A reads 4.3 N, B + C 2.0 N: calibrate each finger"]
     weak = lifted("can", "hand.least_force_n=2.5", seed=1)
     assert weak.outcome == "cap_reached" and weak.grip is not None
     assert "by its calibration 10 N: calibrate hand and fingers" in weak.grip.lines[-1]
+
+
+def test_every_trial_of_a_series_measures_its_own_grip() -> None:
+    config = load_config("can", "simulated", None, None, TOUCH).for_lift()
+    results = [done.result for done in lift.run_series(config, (0, 1), TrialContext(None))]
+    assert [r is not None and r.success for r in results] == [True, True]
+
+
+def test_opposing_fingers_that_read_too_little_do_not_close_beyond_the_first_force() -> None:
+    result = lifted("football", "controller.first_force_n=4", seed=4)
+    assert result.success and peak_n(result) < 6.0
+
+
+def test_hand_at_its_stop_counts_as_no_closing_of_the_thumb() -> None:
+    result = lifted("can", "object.half_width_m=0.068", "object.wall_stiffness_npm=8000")
+    assert result.success and peak_n(result) <= BOUND_N
