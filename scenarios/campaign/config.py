@@ -13,7 +13,6 @@ from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.layers import check_read, trial_layers
 
-
 UNNAMED = "unnamed"  # an object of which nothing is known
 
 

@@ -10,9 +10,9 @@ from drivers.errors import ConfigError
 from scenarios.campaign.config import load_config, load_lift
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
-from scenarios.trial.series import TrialContext
 from scenarios.trial.feasibility import check_touch
 from scenarios.trial.replay import replay_run
+from scenarios.trial.series import TrialContext
 
 BOUND_N = 11.0  # limit and stated overshoot
 TOUCH = ("controller.first_grasp=touch", "controller.lift_height_m=0.05", "hand.activation_s=0.1")
