@@ -129,7 +129,7 @@ class Touch:
         if self.failed:
             return None
         _, b_n, c_n = obs.estimated_n
-        if others_n >= thumb_n - UNEVEN_N or nearest_n >= s.first_force_n:
+        if others_n >= thumb_n - UNEVEN_N or (both and nearest_n >= s.first_force_n):
             return self._by(obs, 1, 0, 0)
         return self._by(obs, 0, 1, 0) if b_n <= c_n else self._by(obs, 0, 0, 1)
 
