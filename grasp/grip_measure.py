@@ -18,6 +18,7 @@ IN_GRIP_N = 0.5  # least force of the smaller side for a rise to count as stiffn
 # closing uses this share of the room that the stiffness predicts. Then the force is read again. If
 # slip goes on, the object falls, so the next stage uses all room, accepted overshoot included.
 STAGE_SHARE = 0.7
+MOST_COUNTS = 10  # of one stage: a fingertip that fails shows no rise, like a soft object; assumed
 SPARE = 1.3  # the first stage is at least one count where so many would fit
 # One finger against an object that the table holds is 1.5 times as stiff as against two fingers
 FREE_SHARE = 2 / 3
@@ -32,14 +33,16 @@ class Reading(msgspec.Struct, frozen=True):
 
     positions: Counts3
     sides_n: tuple[float, float]  # of the thumb, and of B and C together
-    in_air: bool  # the fingers alone hold the object, so that both sides bear the same
+    in_air: bool  # only the fingers hold the object, so that both sides bear the same
     least_n: float = 0.0  # that the first reading and the counts since predict
 
     @property
     def force_n(self) -> float:
         """Force of the grip. The errors of both sides are partly opposite, so their mean counts;
-        until the lift, the larger one, because the table may hold the object."""
-        felt_n = sum(self.sides_n) / 2 if self.in_air else max(self.sides_n)
+        until the lift the larger one, because the table may hold the object, and where one side
+        reads less than half of the other, because its fingertips may be at fault."""
+        less_n, more_n = sorted(self.sides_n)
+        felt_n = (less_n + more_n) / 2 if self.in_air and less_n >= more_n / 2 else more_n
         return max(felt_n, self.least_n)
 
 
@@ -64,9 +67,11 @@ class GripMeasure:
         self.limit_counts: int | None = None  # of the thumb, for the next closing
 
     def update(
-        self, t_ns: int, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool
-    ) -> None:
-        """``responsive``: no taxel is saturated or stuck, so that the fingertips show all rises."""
+        self, t_ns: int, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool,
+        risen: bool = True,
+    ) -> None:  # fmt: skip
+        """``responsive``: no taxel is saturated or stuck, so that the fingertips show all rises.
+        ``risen``: the arm is so high that the object has left the table."""
         if not rests or positions != self._positions or self._since_ns is None:
             self._since_ns = t_ns if rests else None
             self._positions = positions
@@ -74,7 +79,8 @@ class GripMeasure:
         if self._since_ns is None or t_ns - self._since_ns < READ_NS:
             return
         thumb_n, b_n, c_n = estimated_n
-        sides_n, in_air = (thumb_n, b_n + c_n), self.first is not None and responsive
+        sides_n = thumb_n, b_n + c_n
+        in_air = self.first is not None and responsive and risen
         in_grip = min(sides_n) >= IN_GRIP_N
         if self.now is None:
             read = Reading(positions, sides_n, in_air)
@@ -107,18 +113,20 @@ class GripMeasure:
             rise_n = max(rise_n, self._guess_n)
         if rise_n < LEAST_RISE_N:  # the thumb did not move
             return
-        if self.measured and not self._replaces:
-            rise_n = max(self.rise_n, rise_n)
-        elif self._replaces:
+        replaces = self._replaces and now.in_air
+        if replaces:
             by_share = self.measured or self._alone
             rise_n = max(rise_n, LEAST_SHARE * self.rise_n if by_share else ERROR_N / (a - was))
-        self.rise_n, self.measured, self._replaces = rise_n, True, False
+        elif self.measured:
+            rise_n = max(self.rise_n, rise_n)
+        self.rise_n, self.measured = rise_n, True
+        self._replaces = self._replaces and not replaces
 
     def begin(self) -> None:
         """The first grasp is complete: from now on the thumb's closing has a limit."""
         self._replaces = True
         if self.now is not None:
-            self.first = msgspec.structs.replace(self.now, in_air=True)
+            self.first = self.now
             self._set_limit(self.now)
 
     def _set_limit(self, now: Reading) -> None:
@@ -128,4 +136,4 @@ class GripMeasure:
             stage = min(stage, 1)
         elif self.first is not None and now.positions[0] > self.first.positions[0]:
             stage = max(0, math.floor(fit + self._overshoot_n / self.rise_n))
-        self.limit_counts = now.positions[0] + stage
+        self.limit_counts = now.positions[0] + min(stage, MOST_COUNTS)

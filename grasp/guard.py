@@ -25,6 +25,7 @@ from grasp.observation import Observation
 
 CLOSED = 255  # counts
 TOUCHED_N = 0.3  # from here on a finger closes by single counts in a first grasp by touch; assumed
+RISEN_M = 0.02  # of the arm, after which the object has left the table; assumed
 THUMB_ALONE = (True, False, False)
 # Margins of safe travel, both assumed: the contact may be this many times stiffer than stated, and
 # the first grasp this much stronger than estimated
@@ -109,8 +110,7 @@ class ForceGuard:
         its least speed already causes more overshoot than allowed."""
         self._settings = s = settings
         limit_n = s.force_limit_n
-        # the hand's force byte bounds the force only where it can be low enough
-        self._force_n = max(limit_n, least_force_n) if touch else limit_n
+        self._least_n = least_force_n if touch else 0.0
         self._least_speed_mps = least_speed_mps
         guess_n, alone = stiffness.newtons_per_count, least_force_n > limit_n
         self.grip = GripMeasure(guess_n, limit_n, s.overshoot_n, alone) if touch else None
@@ -141,6 +141,7 @@ class ForceGuard:
         self._travel_limits: Counts3 | None = None
         # the thumb's, beyond which it may not close
         self.thumb_limit_counts: int | None = None
+        self._grasp_m = 0.0  # height of the arm at the first grasp
         self.stalled_n = 0.0  # greatest estimated force at which the thumb stopped by force
 
     @property
@@ -156,8 +157,11 @@ class ForceGuard:
     def observe(self, obs: Observation, estimated_n: Vector3, responsive: bool) -> None:
         """Measure the grip, once a sample. ``responsive``: no taxel is saturated or stuck."""
         if self.grip is not None:
-            closure = obs.gripper.min_closure_counts
-            self.grip.update(obs.t_ns, obs.hand_rests, closure, estimated_n, responsive)
+            closure, height_m = obs.gripper.min_closure_counts, obs.arm.position_m[2]
+            if self.grip.first is None:
+                self._grasp_m = height_m
+            risen = height_m >= self._grasp_m + RISEN_M
+            self.grip.update(obs.t_ns, obs.hand_rests, closure, estimated_n, responsive, risen)
             self.thumb_limit_counts = self.grip.limit_counts
             if self.grip.now is not None and obs.gripper.thumb_latched:
                 self.stalled_n = max(self.stalled_n, self.grip.now.force_n)
@@ -278,11 +282,9 @@ class ForceGuard:
         return requested_mps if within else min(requested_mps, slow_mps)
 
     def _limited_force(self, requested_n: float) -> float:
-        """The requested force within the limit; of a hand that cannot close so weakly, its least
-        force, as position bounds it."""
-        if self._force_n > self._settings.force_limit_n:
-            return self._force_n
-        return min(requested_n, self._force_n)
+        """The requested force within the limit; by touch at least the least force of the hand, as
+        position bounds it."""
+        return max(self._least_n, min(requested_n, self._settings.force_limit_n))
 
     def _within_travel(
         self, targets: Counts3, state: GripperState, estimated_n: Vector3

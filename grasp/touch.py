@@ -18,9 +18,10 @@ CONTACT_RISE_N = 0.1
 OPPOSITE_N = 0.5  # rise of B + C by which a thumb with a dead fingertip is felt; assumed
 BRACE_COUNTS = 30  # where B and C wait for an object that they do not meet; assumed
 CLOSED_COUNTS = 240  # software limit of the hand; manual p. 74
-SILENT_COUNTS = 5  # counts for which one side may feel nothing; assumed
+SILENT_COUNTS = 10  # counts for which one side may feel nothing; assumed
 UNEVEN_N = 0.5  # by so much less than the thumb B + C must feel to close instead of it; assumed
 REPEAT_NS = 300_000_000  # until a hold that stops no finger counts as lost; assumed
+OTHERS_COUNTS = 12  # longest closing of B and C; then their fingertips read too little; assumed
 MOST_COUNTS = 60  # longest closing by single counts; assumed
 NOTHING = "nothing is between the fingers, or the fingertips do not feel it"
 NOTHING_REMEDY = "put the object between the fingers; else look at the fingertips: `grasp doctor`"
@@ -48,6 +49,7 @@ class Touch:
         self._zero_n: Vector3 = (0.0, 0.0, 0.0)  # before the present motion
         self._held_ns: int | None = None  # when the present motion was last stopped
         self._counts = 0  # by which the grip was closed
+        self._others = 0  # by which B and C were closed
         self._silent = 0  # in a row, with a side that felt nothing
         self.complete = False
         self.failed: tuple[str, str] | None = None
@@ -93,8 +95,7 @@ class Touch:
 
     def _move(self, obs: Observation, step: Step, targets: Counts3) -> MoveFingers:
         self._step, self._held_ns, self._zero_n = step, None, obs.estimated_n
-        s = self._settings
-        return MoveFingers(targets, s.grip_speed_mps, s.grip_force_n)
+        return MoveFingers(targets, self._settings.grip_speed_mps, self._limit_n)
 
     def _feels(self, obs: Observation) -> bool:
         """Whether a finger that moves feels the object, or presses it onto the other side."""
@@ -129,8 +130,10 @@ class Touch:
         if self.failed:
             return None
         _, b_n, c_n = obs.estimated_n
-        if others_n >= thumb_n - UNEVEN_N or (both and nearest_n >= s.first_force_n):
+        even = others_n >= thumb_n - UNEVEN_N or self._others >= OTHERS_COUNTS
+        if even or (both and nearest_n >= s.first_force_n):
             return self._by(obs, 1, 0, 0)
+        self._others += 1
         return self._by(obs, 0, 1, 0) if b_n <= c_n else self._by(obs, 0, 0, 1)
 
     def _why_not_further(
@@ -149,4 +152,4 @@ class Touch:
     def _by(self, obs: Observation, *counts: int) -> MoveFingers:
         """Move fingers A, B and C by so many counts."""
         a, b, c = (at + n for at, n in zip(obs.gripper.requested, counts, strict=True))
-        return MoveFingers((a, b, c), self._settings.grip_speed_mps, self._settings.grip_force_n)
+        return MoveFingers((a, b, c), self._settings.grip_speed_mps, self._limit_n)

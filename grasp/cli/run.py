@@ -32,6 +32,8 @@ def run_lift(args: argparse.Namespace) -> int:
     others = (args.rig, args.detector, args.config, assignments, args.profile)
     by_touch = args.scenario == "lift" and not args.first
     config = load_lift(object_name, *others) if by_touch else load_config(object_name, *others)
+    if by_touch and args.force is not None and config.controller.first_grasp != "touch":
+        raise UsageError("--force is for a first grasp by touch", "leave out first_grasp=counts")
     if args.dry_run:
         _check_real(config)
         from grasp.cli.plans import dry_run

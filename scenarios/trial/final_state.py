@@ -180,7 +180,7 @@ def _closed(tick: Tick, close: CloseFast) -> str:
         return f"closed to the limit of {close.force_cap_n:g} N"
     if close.first_stage:
         return f"closed by position, short of the limit of {close.force_cap_n:g} N"
-    return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
+    return "closed to its last count, within the force limit"
 
 
 def _opened(tick: Tick, force: str) -> bool:
