@@ -21,6 +21,7 @@ CLOSED_COUNTS = 240  # software limit of the hand; manual p. 74
 SILENT_COUNTS = 10  # counts for which one side may feel nothing; assumed
 UNEVEN_N = 0.5  # by so much less than the thumb B + C must feel to close instead of it; assumed
 REPEAT_NS = 300_000_000  # until a hold that stops no finger counts as lost; assumed
+ONE_SIDE_SHARE = 0.6  # of the limit, that the table or a dead fingertip may oppose; assumed
 OTHERS_COUNTS = 12  # longest closing of B and C; then their fingertips read too little; assumed
 MOST_COUNTS = 60  # longest closing by single counts; assumed
 NOTHING = "nothing is between the fingers, or the fingertips do not feel it"
@@ -115,7 +116,7 @@ class Touch:
         opens = self._counts == 0 and obs.gripper.requested[0] > 0
         if opens and force_n - rise_n >= s.first_force_n:
             return self._by(obs, -1, 0, 0)  # felt late
-        no_room = force_n + rise_n > self._limit_n
+        no_room = force_n + rise_n > self._limit_n * (1.0 if both else ONE_SIDE_SHARE)
         latched = obs.gripper.thumb_latched  # by a hand that closes no further
         nearest_n = force_n + min(rise_n, s.first_force_n) / 2  # half a count less is near enough
         enough = nearest_n >= s.first_force_n and obs.rise_measured
