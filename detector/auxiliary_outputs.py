@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.interface import Motion
 from detector.network_file import REINSTALL, LoadedNetwork, is_packaged
 from drivers.errors import BadFile, UsageError
 
@@ -31,19 +32,6 @@ SHIFT_COUNTS = np.float32(8.0)
 REMEDY = "train it again (`python -m studies slip_types --train` in the source), or remove it"
 Float32s = NDArray[np.float32]
 Counts = NDArray[np.int16] | Float32s
-
-
-class Motion(msgspec.Struct, frozen=True):
-    """Estimated motion of each fingertip, mean of the last 50 ms; valid only while it slips."""
-
-    speed_mps: list[float]
-    direction_deg: list[int]  # one of eight, from the fingertip's x to its y
-    turning: list[float]  # probability that rotation exceeds translation
-
-    @property
-    def hand_mps(self) -> float:
-        """Median speed of the fingers, m/s."""
-        return sorted(self.speed_mps)[len(self.speed_mps) // 2]
 
 
 class Dense(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -8,7 +8,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.auxiliary_outputs import AuxiliaryOutputs, Motion, read_outputs
+from detector.auxiliary_outputs import AuxiliaryOutputs, read_outputs
+from detector.interface import Motion
 from detector.network_file import (
     LoadedNetwork,
     check_layout,

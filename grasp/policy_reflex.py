@@ -44,18 +44,18 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.commands import GripperCommand, HoldFingers, MoveFingers, OpenFingers
-from grasp.controller import GraspController
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import Fault
-from grasp.guard import GuardSettings
-from grasp.loop import to_gripper
-from grasp.monitors.arm import ArmHistory
-from grasp.monitors.settings import Failures
-from grasp.observation import Observation
-from grasp.slip_monitor import SlipMonitor, SlipStatus
-from grasp.states import State, StateMachine, Trigger
-from grasp.step import GraspStep
+from grasp.control.commands import GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.controller import GraspController
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.fault import Fault
+from grasp.control.guard import GuardSettings
+from grasp.control.monitors.arm import ArmHistory
+from grasp.control.monitors.settings import Failures
+from grasp.control.observation import Observation
+from grasp.control.slip_monitor import SlipMonitor, SlipStatus
+from grasp.control.states import State, StateMachine, Trigger
+from grasp.control.step import GraspStep
+from grasp.run.loop import to_gripper
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
 COUNTS = range(256)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import STEEPNESS
-from detector.interface import FORMULAS
+from detector.loading import FORMULAS
 from detector.recordings import Recording
 from detector.scores.evaluation import (
     HIGH,

@@ -18,10 +18,10 @@ from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli.parser import Parser
-from grasp.clock import Clock
-from grasp.loop import ControlLoop, Tick
-from grasp.states import State
-from grasp.step import GraspStep
+from grasp.control.states import State
+from grasp.control.step import GraspStep
+from grasp.run.clock import Clock
+from grasp.run.loop import ControlLoop, Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from detector.interface import DETECTORS, SECTIONS
+from detector.loading import DETECTORS, SECTIONS
 from detector.recordings import Recording
 from drivers.errors import UsageError
 from grasp.cli import exits

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from grasp.fault import INTERNAL, INTERRUPTED
+from grasp.control.fault import INTERNAL, INTERRUPTED
 from scenarios.report.step_feed import Begin, Step
 
 COMMAND = f"{__package__}.entry"

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from detector.interface import DETECTORS
+from detector.loading import DETECTORS
 from drivers.interfaces import FINGERS
 from grasp.cli.output import progress
 from scenarios.acquire.config import load_acquire_config

@@ -12,7 +12,7 @@ import msgspec
 
 from detector import network_file
 from detector.decision import RuleSettings
-from detector.interface import DETECTORS, FORMULAS, NETWORK
+from detector.loading import DETECTORS, FORMULAS, NETWORK
 from detector.plugins import is_plugin
 from detector.recording_checks import suspicions
 from detector.recordings import Recording

@@ -6,8 +6,8 @@ import sys
 from typing import Any
 
 from drivers.errors import one_line
-from grasp import signals
 from grasp.cli.output import print_json, standard_output
+from grasp.run import signals
 
 SUCCESS = 0
 TRIAL_FAILED = 1

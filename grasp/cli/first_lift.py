@@ -5,9 +5,9 @@ import time
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp import signals
 from grasp.cli.lab import say
 from grasp.cli.questions import TerminalOperator
+from grasp.run import signals
 from scenarios.lab.preflight import STOP_INSTRUCTIONS, close_in_free_air, gentle_settings
 
 QUIT = "q"

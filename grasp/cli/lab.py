@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
-from grasp import signals
 from grasp.cli import exits
 from grasp.cli.output import print_json
+from grasp.run import signals
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.config import HARDWARE

@@ -7,9 +7,9 @@ from typing import Any, Self
 
 from grasp.cli import view
 from grasp.cli.output import print_status
-from grasp.loop import Tick
-from grasp.states import State
-from grasp.viewer_process import ViewerProcess
+from grasp.control.states import State
+from grasp.run.loop import Tick
+from grasp.run.viewer_process import ViewerProcess
 from scenarios.report.run_view import facts, turned_text
 from scenarios.trial.result import spelt
 

@@ -9,12 +9,12 @@ from importlib import import_module
 from types import ModuleType
 
 from drivers.errors import GraspError, OutputClosedError, UsageError, describe_exception, one_line
-from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import build_parser
 from grasp.cli.output import checked_streams, only_json, open_standard_streams
 from grasp.cli.parser import COMPLETING, complete
 from grasp.files import PATH_ERRORS, use_writable_cache
+from grasp.run import signals
 
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),

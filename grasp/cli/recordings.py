@@ -69,7 +69,7 @@ def _replay_tactile(args: argparse.Namespace) -> int:
     from detector.recordings import read
     from detector.scores.evaluation import evaluate_recording
     from grasp.cli.detector import scores_text, warn
-    from grasp.clock import stopwatch_ns
+    from grasp.run.clock import stopwatch_ns
     from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 

@@ -23,11 +23,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from grasp import signals
 from grasp.cli import exits
 from grasp.cli.child import Child
 from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
-from grasp.fault import INTERRUPTED, TRIAL, Fault
+from grasp.control.fault import INTERRUPTED, TRIAL, Fault
+from grasp.run import signals
 from grasp.settings import config_dir
 from scenarios.report.ros_topics import (
     ERROR,

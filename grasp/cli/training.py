@@ -13,11 +13,11 @@ from detector.recordings import SUFFIX as RECORDING
 from detector.recordings import write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
-from grasp import signals
 from grasp.cli import exits
 from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
+from grasp.run import signals
 from grasp.settings import file_of
 from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole

@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 import msgspec
 
 from drivers.errors import GraspError, OutputClosedError, UsageError
-from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import TRIALS
 from grasp.cli.lab import say
 from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator
-from grasp.monitors.checks import CHECKS
+from grasp.control.monitors.checks import CHECKS
+from grasp.run import signals
 from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
 from scenarios.report.step_feed import StepFeed

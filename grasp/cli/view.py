@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
-from grasp.loop import Tick
-from grasp.states import State
-from grasp.viewer_process import ignore_signals
+from grasp.control.states import State
+from grasp.run.loop import Tick
+from grasp.run.viewer_process import ignore_signals
 
 if TYPE_CHECKING:
     from rich.status import Status

@@ -16,8 +16,8 @@ import numpy as np
 from detector.recordings import SUFFIX, Metadata, write
 from drivers.errors import CouldNotRecord, GraspError, describe_exception
 from drivers.interfaces import PERIOD_S
-from grasp import signals
-from grasp.messages import (
+from grasp.run import signals
+from grasp.run.messages import (
     ARM,
     TACTILE,
     TRUTH,
@@ -27,7 +27,7 @@ from grasp.messages import (
     arm_message,
     tactile_message,
 )
-from grasp.realtime import real_time
+from grasp.run.realtime import real_time
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.labels import recording, split_at_gaps
 from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion

@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.realtime import RealTimeSettings
+from grasp.run.realtime import RealTimeSettings
 from grasp.settings import Layer, file_of, item_layer, load, without_chosen
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.calibration import Files, rig_layers, user_layers

@@ -9,8 +9,8 @@ import numpy as np
 
 from drivers.errors import ConfigError, GraspError, Stale, describe_exception
 from drivers.interfaces import PERIOD_NS, PERIOD_S, ArmState, TactileFrame
-from grasp import signals
-from grasp.clock import Deadlines
+from grasp.run import signals
+from grasp.run.clock import Deadlines
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.press import (
     DRIVE_MPS2,

@@ -15,8 +15,8 @@ from detector.scores.evaluation import stream
 from detector.scores.label_free import MARGIN_SAMPLES, CalibratedRule, calibrate_rule, find_hold
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
-from grasp.messages import CONTROL, TACTILE, ControlMessage, TactileMessage
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.messages import CONTROL, TACTILE, ControlMessage, TactileMessage
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.run_folder import open_trial
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings
 from detector.interface import SlipDetector
 from drivers.interfaces import FINGERS
-from grasp.controller import GraspController
-from grasp.loop import Tick
+from grasp.control.controller import GraspController
+from grasp.run.loop import Tick
 from scenarios.acquire.config import with_values
 from scenarios.acquire.datasets.causes import PERMISSIVE
 from scenarios.acquire.datasets.plan import part_of_job, random_parameters

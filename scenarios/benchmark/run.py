@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, cusum, fused
-from detector.interface import DETECTORS, NETWORK
+from detector.loading import DETECTORS, NETWORK
 from detector.network_file import read_network, weights_path
 from detector.recordings import Recording, read
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, stream

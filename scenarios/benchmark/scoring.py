@@ -24,7 +24,7 @@ from detector.scores.evaluation import (
 )
 from detector.scores.sweep import SweepPoint, best, rules, sweep, thresholds_at_budget
 from drivers.errors import UsageError
-from grasp.clock import stopwatch_ns
+from grasp.run.clock import stopwatch_ns
 from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
 from scenarios.rigs.calibration import Files

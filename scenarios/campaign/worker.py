@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from grasp.fault import INTERRUPTED
-from grasp.monitors.checks import DETECTOR_FAILED
+from grasp.control.fault import INTERRUPTED
+from grasp.control.monitors.checks import DETECTOR_FAILED
 from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions

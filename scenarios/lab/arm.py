@@ -11,8 +11,8 @@ from drivers.errors import DeviceFault, LinkLost, Refused, UsageError, on_failur
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.connections import CHECK_CONNECTION, DASHBOARD_PORT, Dashboard
-from grasp import signals
-from grasp.clock import Clock, WallClock
+from grasp.run import signals
+from grasp.run.clock import Clock, WallClock
 from scenarios.lab.hand import Say, retry
 from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving, require
 from scenarios.rigs.wired import open_arm

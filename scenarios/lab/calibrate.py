@@ -25,10 +25,10 @@ from drivers.interfaces import (
     Counts3,
 )
 from drivers.robotiq.calibration import GripperCalibration
-from grasp import signals
-from grasp.clock import Clock, WallClock
-from grasp.guard import GuardSettings
-from grasp.monitors.fingertips import PRESSED_COUNTS
+from grasp.control.guard import GuardSettings
+from grasp.control.monitors.fingertips import PRESSED_COUNTS
+from grasp.run import signals
+from grasp.run.clock import Clock, WallClock
 from scenarios.lab.fingertips import TactileReader, open_fingertips
 from scenarios.lab.fit import (
     CHECK_READINGS,

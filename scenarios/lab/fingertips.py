@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS, Vector3
 from drivers.takktile.driver import TakkTileDriver
-from grasp import signals
-from grasp.clock import Clock, WallClock
+from grasp.run import signals
+from grasp.run.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
 from scenarios.rigs.permission import board_address
 from scenarios.rigs.wired import open_board

@@ -32,11 +32,11 @@ from drivers.interfaces import (
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_not_scissor
-from grasp import signals
-from grasp.clock import Clock, WallClock
-from grasp.commands import HoldFingers, MoveFingers
-from grasp.contact_estimator import Stiffness
-from grasp.guard import ForceGuard
+from grasp.control.commands import HoldFingers, MoveFingers
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.guard import ForceGuard
+from grasp.run import signals
+from grasp.run.clock import Clock, WallClock
 from scenarios.lab.fingertips import TactileReader, open_fingertips
 from scenarios.rigs.calibration import calibration, settings_to_open
 from scenarios.rigs.device_checks import read_gripper

@@ -9,7 +9,7 @@ from drivers.errors import DeviceFault, Refused, UsageError
 from drivers.interfaces import Counts3, Detection, GripperState
 from drivers.robotiq.hand_state import finger_states, scissor_in_contact
 from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_not_scissor
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from scenarios.lab.calibrate import check_open
 from scenarios.lab.fingertips import open_fingertips
 from scenarios.lab.hand import CONTACT_N, MotionResult, Say, check_thumb, hand_guard, open_hand

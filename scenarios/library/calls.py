@@ -14,9 +14,9 @@ from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import evaluate_recording
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import FINGERS
-from grasp.clock import stopwatch_ns
-from grasp.fault import INTERRUPTED
+from grasp.control.fault import INTERRUPTED
 from grasp.policy_reflex import Reflex
+from grasp.run.clock import stopwatch_ns
 from grasp.settings import file_of
 from scenarios.campaign import run as campaign_runner
 from scenarios.campaign.config import RunConfig, load_config, load_lift

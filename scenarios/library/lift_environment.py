@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import Refused
 from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
-from grasp.commands import MoveFingers
+from grasp.control.commands import MoveFingers
 from grasp.policy_reflex import Admitted, PolicyCommand
 from scenarios.campaign.config import load_config
 from scenarios.library.reflex import make_reflex

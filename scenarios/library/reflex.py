@@ -3,9 +3,9 @@
 import msgspec
 
 from drivers.interfaces import FINGERS
-from grasp.monitors.checks import Monitors
+from grasp.control.monitors.checks import Monitors
+from grasp.control.step import GraspStep
 from grasp.policy_reflex import PolicyArmHistory, Reflex, ReflexController
-from grasp.step import GraspStep
 from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_controller, make_step

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import msgspec
 
 from drivers.interfaces import Vector3
-from grasp.guard import ForceGuard
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.guard import ForceGuard
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import (
     EARLY_S,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGER_NAMES, PERIOD_S
-from grasp.commands import MoveArm, StopArm
+from grasp.control.commands import MoveArm, StopArm
 from grasp.files import make_private_folder, whole_folder
 from scenarios.report.run_record import RunRecord, read_run
 

@@ -1,5 +1,5 @@
 """Sends a run to its live page, which a separate process serves. Sending never waits: messages that
-the process cannot take in time are lost (`grasp.viewer_process`)."""
+the process cannot take in time are lost (`grasp.run.viewer_process`)."""
 
 import secrets
 import socket
@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 
 from detector.decision import fused
-from detector.interface import motion_reader
+from detector.loading import motion_reader
 from drivers.interfaces import FINGER_NAMES, FINGERS
-from grasp.controller import GraspController
-from grasp.loop import Tick
-from grasp.viewer_process import ViewerProcess
+from grasp.control.controller import GraspController
+from grasp.run.loop import Tick
+from grasp.run.viewer_process import ViewerProcess
 from scenarios.report import live_server as server
 from scenarios.report.live_server import Begin, Note, Row, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of

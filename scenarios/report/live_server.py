@@ -1,7 +1,7 @@
 """The process that serves a live page on loopback, to clients with the token.
 
-Started by `grasp.viewer_process`; reads one `Message` per line from standard input until its end.
-A browser gets the trial so far, then each new line. Data from browsers is ignored.
+Started by `grasp.run.viewer_process`; reads one `Message` per line from standard input until its
+end. A browser gets the trial so far, then each new line. Data from browsers is ignored.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
 from drivers.interfaces import FINGER_NAMES
-from grasp.viewer_process import ignore_signals
+from grasp.run.viewer_process import ignore_signals
 from scenarios.report.page import render
 from scenarios.report.run_view import View
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, GripperState
-from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, LOOP, Fault
-from grasp.messages import ArmMessage, ControlMessage, TactileMessage
+from grasp.control.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, LOOP, Fault
+from grasp.run.messages import ArmMessage, ControlMessage, TactileMessage
 
 # Kinds of quality of service: best effort and short queue; the last value for late subscribers;
 # reliable.

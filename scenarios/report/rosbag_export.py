@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from grasp.files import PRIVATE_FOLDER, whole_folder
-from grasp.messages import ARM, CONTROL, GRIPPER, TACTILE
-from grasp.recording import UNIX_NS
+from grasp.run.messages import ARM, CONTROL, GRIPPER, TACTILE
+from grasp.run.recording import UNIX_NS
 from scenarios.report.ros_topics import LATCHED, SENSOR, TOPICS, Message, RosMessages
 from scenarios.report.run_record import read_run
 from scenarios.rigs.calibration import MANUAL

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
-from grasp.commands import describe
-from grasp.fault import lines
-from grasp.states import State
+from grasp.control.commands import describe
+from grasp.control.fault import lines
+from grasp.control.states import State
 from scenarios.report.page import render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import command_of, object_file, settings_of

@@ -9,11 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.auxiliary_outputs import Motion
+from detector.interface import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
-from grasp.commands import Command
-from grasp.messages import (
+from grasp.control.commands import Command
+from grasp.control.states import PhaseChange
+from grasp.run.messages import (
     ARM,
     COMMANDS,
     CONTROL,
@@ -27,9 +28,8 @@ from grasp.messages import (
     ControlMessage,
     TactileMessage,
 )
-from grasp.recording import RunRecording
+from grasp.run.recording import RunRecording
 from grasp.settings import Layer, load
-from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
 from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_settings import scenario_of

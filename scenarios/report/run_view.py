@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, cusum, fused
 from drivers.interfaces import KIT_TAXELS
-from grasp.guard import limit_in_words
+from grasp.control.guard import limit_in_words
 from scenarios.trial.config import TrialConfig
 from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 

@@ -10,10 +10,10 @@ import signal
 import msgspec
 
 from drivers.interfaces import GripperState
-from grasp.clock import Clock
-from grasp.controller import GraspController
-from grasp.loop import Tick
-from grasp.messages import (
+from grasp.control.controller import GraspController
+from grasp.run.clock import Clock
+from grasp.run.loop import Tick
+from grasp.run.messages import (
     ArmMessage,
     ControlMessage,
     TactileMessage,

@@ -24,7 +24,7 @@ from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight, require_ur_rtde
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from scenarios.rigs.calibration import calibration, describe_calibration, weak_claim
 from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig
 from scenarios.rigs.permission import (

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from detector.interface import DETECTORS
+from detector.loading import DETECTORS
 from detector.plugins import installed_plugins
 from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 from grasp.files import nearest_folder, why_not_writable
-from grasp.realtime import PRIORITY
+from grasp.run.realtime import PRIORITY
 from grasp.settings import config_dir
 from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
 from scenarios.rigs.emulated import at_endpoints, cell_process

@@ -14,8 +14,8 @@ import msgspec
 
 from drivers.errors import LinkLost
 from drivers.ur.link.preflight import require_ur_rtde
-from grasp.clock import WallClock
 from grasp.files import use_writable_cache
+from grasp.run.clock import WallClock
 from scenarios.rigs.cell_order import CellOrder
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.rig import Rig, Stalls, connect

@@ -5,8 +5,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any
 
 from drivers.errors import ConfigError
-from grasp import signals
-from grasp.clock import WallClock
+from grasp.run import signals
+from grasp.run.clock import WallClock
 from scenarios.rigs.config import HARDWARE, AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.permission import (
     MotionPermit,

@@ -8,9 +8,9 @@ import msgspec
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.protocol import BASIC, check_not_scissor
-from grasp import signals
-from grasp.clock import Clock
-from grasp.loop import Devices
+from grasp.run import signals
+from grasp.run.clock import Clock
+from grasp.run.loop import Devices
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth

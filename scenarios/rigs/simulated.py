@@ -22,7 +22,7 @@ from drivers.takktile.model.link import ModelLink
 from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmDriver, ArmLink
 from drivers.ur.model import ArmModel
-from grasp.clock import PacedClock, VirtualClock
+from grasp.run.clock import PacedClock, VirtualClock
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import (
     CUT_SIGMAS,

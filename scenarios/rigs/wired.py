@@ -15,7 +15,7 @@ from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import ReadingThread, UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import (
     AnyRigConfig,

@@ -27,7 +27,7 @@ from typing import Any, Generic, TypeVar, cast
 import msgspec
 
 from drivers.errors import GraspError, LinkLost, UsageError, on_failure
-from grasp import signals
+from grasp.run import signals
 
 T = TypeVar("T")
 R = TypeVar("R")

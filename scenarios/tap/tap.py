@@ -14,9 +14,9 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
-from grasp.guard import ForceGuard
-from grasp.loop import Tick
-from grasp.states import SAFE_STATES, State
+from grasp.control.guard import ForceGuard
+from grasp.control.states import SAFE_STATES, State
+from grasp.run.loop import Tick
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, mallet_speed_mps, swing

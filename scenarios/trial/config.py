@@ -10,10 +10,10 @@ from msgspec import Meta
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
-from detector.interface import (
+from detector.interface import SlipDetector
+from detector.loading import (
     NETWORK,
     SECTIONS,
-    SlipDetector,
     fingerprint_of,
     load_detector,
     memory_of,
@@ -24,12 +24,12 @@ from detector.network import NetworkSettings
 from detector.network_file import is_weights
 from detector.plugins import Scalar, is_plugin_file
 from detector.psd import PsdFairSettings, PsdSettings
-from grasp.controller_settings import ControllerSettings, LoopSettings
-from grasp.guard import GuardSettings
-from grasp.monitors.settings import MonitorSettings
-from grasp.realtime import RealTimeSettings
+from grasp.control.controller_settings import ControllerSettings, LoopSettings
+from grasp.control.guard import GuardSettings
+from grasp.control.monitors.settings import MonitorSettings
+from grasp.control.slip_monitor import SlipSettings
+from grasp.run.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml
-from grasp.slip_monitor import SlipSettings
 from scenarios.rigs.config import HARDWARE, GraspRigConfig
 from scenarios.world.settings import ContactLevels, ContactTable
 

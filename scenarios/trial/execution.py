@@ -9,21 +9,22 @@ from typing import Any
 import msgspec
 
 from detector.decision import DecisionRule
-from detector.interface import SlipDetector, motion_reader
+from detector.interface import SlipDetector
+from detector.loading import motion_reader
 from drivers.errors import GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
-from grasp import signals
-from grasp.contact_estimator import Stiffness
-from grasp.controller import GraspController
-from grasp.controller_settings import GripPlan
-from grasp.fault import INTERNAL, INTERRUPTED, LOST, SAFETY_STOP, TRIAL, WORLD, Fault, lines
-from grasp.guard import ForceGuard
-from grasp.loop import ControlLoop, Tick
-from grasp.monitors.checks import STOOD_STILL, Monitors
-from grasp.realtime import real_time
-from grasp.slip_monitor import SlipMonitor
-from grasp.states import State
-from grasp.step import GraspStep
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller import GraspController
+from grasp.control.controller_settings import GripPlan
+from grasp.control.fault import INTERNAL, INTERRUPTED, LOST, SAFETY_STOP, TRIAL, WORLD, Fault, lines
+from grasp.control.guard import ForceGuard
+from grasp.control.monitors.checks import STOOD_STILL, Monitors
+from grasp.control.slip_monitor import SlipMonitor
+from grasp.control.states import State
+from grasp.control.step import GraspStep
+from grasp.run import signals
+from grasp.run.loop import ControlLoop, Tick
+from grasp.run.realtime import real_time
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.permission import arm_address

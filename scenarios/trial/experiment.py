@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from drivers.interfaces import Vector3
-from grasp.guard import ForceGuard
+from grasp.control.guard import ForceGuard
 from scenarios.rigs.config import part
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series

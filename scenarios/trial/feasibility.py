@@ -4,9 +4,9 @@ import math
 
 from drivers.errors import ConfigError
 from drivers.ur.settings import ArmSettings
-from grasp.controller_settings import ControllerSettings
-from grasp.guard import ForceGuard
-from grasp.slip_response.stop_and_close import RESUME_MPS2
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.guard import ForceGuard
+from grasp.control.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import HARDWARE
 from scenarios.trial.config import TrialConfig

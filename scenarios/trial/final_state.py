@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import msgspec
 
 from drivers.interfaces import FINGER_NAMES, ArmState, Detection, GripperState
-from grasp.commands import CloseFast
-from grasp.fault import ARM, FINGERTIPS, GRIPPER, Fault
-from grasp.loop import Issued, Tick
-from grasp.monitors.checks import implausible
+from grasp.control.commands import CloseFast
+from grasp.control.fault import ARM, FINGERTIPS, GRIPPER, Fault
+from grasp.control.monitors.checks import implausible
+from grasp.run.loop import Issued, Tick
 
 UNKNOWN = "its force is not measured"
 LOOK = "look at the arm, and press the emergency stop if it still moves"

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES, Vector3
-from grasp.loop import Tick
-from grasp.messages import Write
-from grasp.states import PhaseChange, State
+from grasp.control.states import PhaseChange, State
+from grasp.run.loop import Tick
+from grasp.run.messages import Write
 from scenarios.trial.config import TrialConfig
 from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 from scenarios.world.truth import Truth

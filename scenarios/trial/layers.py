@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from detector.decision import RuleSettings
-from detector.interface import PLUGIN, SECTIONS, section_of
+from detector.loading import PLUGIN, SECTIONS, section_of
 from detector.network_file import is_weights
 from detector.plugins import FILE_SEPARATOR, installed_plugins, is_plugin_file
 from drivers.errors import ConfigError
-from grasp.controller_settings import ControllerSettings
+from grasp.control.controller_settings import ControllerSettings
 from grasp.settings import (
     CHOSEN,
     Layer,

@@ -5,9 +5,9 @@ from typing import Protocol
 
 import msgspec
 
-from grasp import signals
-from grasp.loop import Tick
-from grasp.states import SAFE_STATES, State
+from grasp.control.states import SAFE_STATES, State
+from grasp.run import signals
+from grasp.run.loop import Tick
 from scenarios.rigs.rig import GraspRig
 
 MOST_MM = 500.0

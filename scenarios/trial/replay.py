@@ -15,7 +15,7 @@ from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, Tactile
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.hand_state import POSITION_ERROR_COUNTS, closing_targets, motion_registers
 from drivers.robotiq.protocol import BASIC, BYTES, FULL_BYTE
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     Command,
     GripperCommand,
@@ -24,7 +24,8 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.messages import (
+from grasp.control.states import PhaseChange
+from grasp.run.messages import (
     ARM,
     COMMANDS,
     CONTROL,
@@ -38,9 +39,8 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
-from grasp.recording import RunRecording
+from grasp.run.recording import RunRecording
 from grasp.settings import Layer, load
-from grasp.states import PhaseChange
 from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step

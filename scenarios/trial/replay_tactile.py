@@ -27,7 +27,7 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.commands import (
+from grasp.control.commands import (
     BeginRest,
     CloseFast,
     Command,
@@ -36,10 +36,10 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.monitors.checks import Monitors, failed
-from grasp.observation import Observation
-from grasp.slip_response.close import CLOSED_COUNTS
-from grasp.step import StepResult
+from grasp.control.monitors.checks import Monitors, failed
+from grasp.control.observation import Observation
+from grasp.control.slip_response.close import CLOSED_COUNTS
+from grasp.control.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 

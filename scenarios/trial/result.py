@@ -15,11 +15,11 @@ import msgspec
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import exception_text
 from drivers.interfaces import FINGER_NAMES, Vector3
-from grasp import signals
-from grasp.fault import INTERNAL, TRIAL, Fault
-from grasp.guard import CapMode
-from grasp.loop import Timing
-from grasp.states import PhaseChange
+from grasp.control.fault import INTERNAL, TRIAL, Fault
+from grasp.control.guard import CapMode
+from grasp.control.states import PhaseChange
+from grasp.run import signals
+from grasp.run.loop import Timing
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.final_state import FinalState
 from scenarios.world.settings import ContactLevels

@@ -11,13 +11,13 @@ import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord, UsageError
 from drivers.interfaces import Vector3
-from grasp.clock import Clock
-from grasp.controller import GraspController
-from grasp.fault import INTERNAL
+from grasp.control.controller import GraspController
+from grasp.control.fault import INTERNAL
 from grasp.files import PATH_ERRORS, PROBE_BYTES, make_private_folder, write_whole
-from grasp.loop import Tick
-from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
-from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
+from grasp.run.clock import Clock
+from grasp.run.loop import Tick
+from grasp.run.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
+from grasp.run.recording import UNIX_NS, Channels, RunRecorder, RunRecording
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.foxglove import CHANNELS as VIEWER_CHANNELS

@@ -8,11 +8,11 @@ import msgspec
 
 from drivers.errors import GraspError, Refused, Stale
 from drivers.interfaces import Vector3
-from grasp import signals
-from grasp.clock import Clock
-from grasp.controller import GraspController
-from grasp.fault import IMPLAUSIBLE, INTERRUPTED
-from grasp.loop import Tick
+from grasp.control.controller import GraspController
+from grasp.control.fault import IMPLAUSIBLE, INTERRUPTED
+from grasp.run import signals
+from grasp.run.clock import Clock
+from grasp.run.loop import Tick
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig

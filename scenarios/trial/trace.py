@@ -1,10 +1,10 @@
 """Values that a verdict needs, collected at every control step of a lift or tap."""
 
 from drivers.interfaces import Counts3, Vector3
-from grasp.fault import Fault
-from grasp.loop import Issued, Tick
-from grasp.monitors.fingertips import taxels_at_rail
-from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
+from grasp.control.fault import Fault
+from grasp.control.monitors.fingertips import taxels_at_rail
+from grasp.control.states import AIRBORNE_STATES, LOWERING_STATES, State
+from grasp.run.loop import Issued, Tick
 from scenarios.world.truth import Truth
 
 HELD_UP_STATES = AIRBORNE_STATES - LOWERING_STATES  # before the set-down

@@ -6,7 +6,7 @@ import pytest
 
 from detector.scores.quantiles import quantiles
 from drivers.interfaces import Vector3
-from grasp.guard import ForceGuard
+from grasp.control.guard import ForceGuard
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult

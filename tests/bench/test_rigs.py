@@ -9,10 +9,10 @@ import pytest
 
 from detector.scores.quantiles import quantile
 from grasp.cli.live import Display
-from grasp.commands import MoveFingers
-from grasp.observation import Observation
-from grasp.states import State
-from grasp.step import GraspStep, StepResult
+from grasp.control.commands import MoveFingers
+from grasp.control.observation import Observation
+from grasp.control.states import State
+from grasp.control.step import GraspStep, StepResult
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from detector.scores.quantiles import quantile
-from grasp.messages import CONTROL
+from grasp.run.messages import CONTROL
 from scenarios.trial.run_folder import open_trial
 from tests.ros.conftest import GRASP, PATIENCE_S, ROOT, SETS, Client, open_lasting_sockets, process
 

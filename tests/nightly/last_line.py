@@ -8,7 +8,7 @@ import re
 
 import msgspec
 
-from grasp.guard import GuardSettings
+from grasp.control.guard import GuardSettings
 
 MOST_N = GuardSettings().force_limit_n + GuardSettings().overshoot_n  # true force of a finger
 FIRST_GRASP = os.environ.get("FIRST_GRASP", "counts")  # of the lifts

@@ -4,7 +4,7 @@ import re
 
 import msgspec
 
-from grasp.monitors.checks import STOOD_STILL
+from grasp.control.monitors.checks import STOOD_STILL
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
 from scenarios.rigs.calibration import calibration

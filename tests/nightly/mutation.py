@@ -1,6 +1,6 @@
 """Mutation testing of the safety core with mutmut (`make test-mutation`).
 
-    python -m tests.nightly.mutation ["grasp.guard*" ...]    default: all of `[tool.mutmut]`
+    python -m tests.nightly.mutation ["grasp.control.guard*" ...]    default: all of `[tool.mutmut]`
 
 Prints the share of killed mutants of each module; a run of all modules writes results/mutants.csv.
 Exit code 1 if one is below its bound: then `mutmut results` lists survivors and `mutmut show NAME`
@@ -18,18 +18,18 @@ MUTMUT = Path(sys.executable).with_name("mutmut")
 # a little below the share when the bound was set; survivors are mostly `strict=True`, defaults that
 # nothing reads, and tests that only save time
 LEAST = {
-    "grasp.guard": 0.92,
-    "grasp.slip_monitor": 0.80,
-    "grasp.step": 0.96,
-    "grasp.safe_state": 0.90,
-    "grasp.states": 0.90,
-    "grasp.controller": 0.67,
-    "grasp.monitors.arm": 0.80,
-    "grasp.monitors.checks": 0.92,
-    "grasp.monitors.fingertips": 0.77,
-    "grasp.monitors.gripper": 0.79,
-    "grasp.monitors.run": 0.50,
-    "grasp.monitors.settings": 0.75,
+    "grasp.control.guard": 0.92,
+    "grasp.control.slip_monitor": 0.80,
+    "grasp.control.step": 0.96,
+    "grasp.control.safe_state": 0.90,
+    "grasp.control.states": 0.90,
+    "grasp.control.controller": 0.67,
+    "grasp.control.monitors.arm": 0.80,
+    "grasp.control.monitors.checks": 0.92,
+    "grasp.control.monitors.fingertips": 0.77,
+    "grasp.control.monitors.gripper": 0.79,
+    "grasp.control.monitors.run": 0.50,
+    "grasp.control.monitors.settings": 0.75,
     "detector.decision": 0.94,
     "drivers.robotiq.driver": 0.94,
     "drivers.robotiq.exchange": 0.81,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from tests.wire.scenarios.cell.lift_with_fault import FAULTS, PHASES, run
 
 

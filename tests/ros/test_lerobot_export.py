@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import BadFile, UsageError
-from grasp.messages import ControlMessage, TactileMessage
+from grasp.run.messages import ControlMessage, TactileMessage
 from scenarios.report.lerobot_export import ACTION, write_lerobot
 from scenarios.report.run_record import read_run
 from tests.unit.scenarios.report.conftest import changed

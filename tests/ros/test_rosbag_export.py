@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.cli.main import main
-from grasp.messages import GRIPPER, TACTILE
+from grasp.run.messages import GRIPPER, TACTILE
 from scenarios.report.ros_topics import SLIP, STATE, TAXELS, TOPICS, WRENCHES
 from scenarios.report.run_record import read_run
 from scenarios.trial.run_folder import open_trial

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_NS
-from grasp.clock import VirtualClock
+from grasp.run.clock import VirtualClock
 from studies import runner
 from studies.slip_responses import STUDY, FalseAlarms
 

@@ -8,7 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from detector.interface import load_detector  # noqa: E402
+from detector.loading import load_detector  # noqa: E402
 from detector.recordings import Recording, read  # noqa: E402
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training  # noqa: E402

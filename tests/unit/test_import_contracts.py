@@ -18,6 +18,7 @@ PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 # of each contract, a module that breaks it and what that module imports
 VIOLATIONS = {
     "layers": ("drivers.planted", "grasp.planted_other"),
+    "control-alone": ("grasp.control.planted", "grasp.run.planted_other"),
     "detector-alone": ("detector.training.planted", "drivers.planted_other"),
     "scenario-packages": ("scenarios.lift.planted", "scenarios.campaign.planted_other"),
     "cli-is-top": ("scenarios.planted", "grasp.cli"),
@@ -27,10 +28,10 @@ VIOLATIONS = {
     "no-driver-imports-a-model": ("drivers.robotiq.driver", "drivers.robotiq.model.gripper"),
     "model-has-its-own-codec": ("drivers.takktile.model.board", "drivers.takktile.protocol"),
     "motor-internal": ("scenarios.planted", "drivers.robotiq.model.motor"),
-    "devices-by-interface": ("grasp.guard", "drivers.robotiq.driver"),
+    "devices-by-interface": ("grasp.control.guard", "drivers.robotiq.driver"),
     "devices-uncompiled": ("drivers.ur.link.planted", "numba"),
     "no-torch": ("grasp.planted", "torch"),
-    "training-apart": ("grasp.loop", "detector.training.planted_other"),
+    "training-apart": ("grasp.run.loop", "detector.training.planted_other"),
 }
 
 

@@ -194,5 +194,6 @@ def test_constants_take_effect_at_their_values() -> None:
 def test_object_without_contact_for_too_long_is_not_set_down(
     gap_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("grasp.contact_estimator.LOST_NS", 10**9)  # no response to lost contact
+    # no response to lost contact
+    monkeypatch.setattr("grasp.control.contact_estimator.LOST_NS", 10**9)
     assert on_grasp.lowered_after_gap(gap_s) == (gap_s < 0.1)

@@ -21,7 +21,7 @@ from unittest.mock import patch
 from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
 from grasp.cli.main import main
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from grasp.settings import config_dir
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.device_checks import read_gripper

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from detector.recordings import AppliedDisturbance, Metadata, Recording
 from drivers.interfaces import PERIOD_S
-from grasp.controller import GraspController
-from grasp.loop import Tick
+from grasp.control.controller import GraspController
+from grasp.control.states import OPEN_STATES
+from grasp.run.loop import Tick
 from grasp.settings import Layer, load
-from grasp.states import OPEN_STATES
 from scenarios.acquire.config import AcquireConfig, layout_file, with_values
 from scenarios.acquire.datasets.disturbances import (
     DisturbanceSettings,

@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.acquire.labels import TURN_LEVER_M
 from scenarios.tap.config import TapSettings
 from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, SettledGrasp, impact_of, settled_grasp

@@ -17,7 +17,7 @@ import msgspec
 import pytest
 
 from drivers.errors import GraspError
-from grasp.loop import ControlLoop
+from grasp.run.loop import ControlLoop
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES

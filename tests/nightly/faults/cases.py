@@ -11,7 +11,7 @@ from itertools import cycle, product
 
 import msgspec
 
-from grasp.states import State
+from grasp.control.states import State
 from tests.nightly.faults.registers import COMMAND_FIELDS, IMAGES
 from tests.nightly.faults.registers import FIELDS as HAND_FIELDS
 

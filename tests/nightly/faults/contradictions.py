@@ -8,7 +8,7 @@ import random
 from collections.abc import Sequence
 from itertools import cycle
 
-from grasp.states import State
+from grasp.control.states import State
 from tests.nightly.faults.cases import NOT_INJECTED, SHARES, Case, Description, Fault, Stretch
 
 OBJECTS = ("can", "box", "ball", "foam", "cardboard", "football")

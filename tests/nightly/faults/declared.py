@@ -9,7 +9,7 @@ from collections.abc import Collection
 
 import msgspec
 
-from grasp.states import AIRBORNE_STATES, State
+from grasp.control.states import AIRBORNE_STATES, State
 from tests.nightly.faults.cases import Fault
 from tests.nightly.last_line import CANNOT_COMMAND, FIRST_GRASP
 

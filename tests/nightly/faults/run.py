@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from drivers.interfaces import FINGERS, Vector3
-from grasp.loop import Tick
-from grasp.states import END_STATES, SAFE_STATES, State
+from grasp.control.states import END_STATES, SAFE_STATES, State
+from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from scenarios.campaign.config import load_config
 from tests.nightly.faults.cases import SCENES, Case, Fault, commands, faults, sample
 from tests.nightly.faults.contradictions import OBJECTS, sample_descriptions, sample_pairs

@@ -4,9 +4,9 @@ true last line."""
 import re
 from collections.abc import Callable
 
-from grasp.controller_settings import ControllerSettings
-from grasp.safe_state import SAFE_STATE_NS
-from grasp.states import AIRBORNE_STATES, State
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.safe_state import SAFE_STATE_NS
+from grasp.control.states import AIRBORNE_STATES, State
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.trial.final_state import LOOK
 from tests.nightly.faults.cases import Fault

@@ -18,8 +18,8 @@ from drivers.takktile.model.board import BoardModel
 from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
-from grasp.clock import Clock
-from grasp.guard import GuardSettings
+from grasp.control.guard import GuardSettings
+from grasp.run.clock import Clock
 from tests.nightly.faults.cases import AXES, RECOVERS_NS, TAXELS, Description, Fault
 from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb, wrong
 

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import emulated

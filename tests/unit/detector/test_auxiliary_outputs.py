@@ -15,7 +15,7 @@ from detector.auxiliary_outputs import (
     inputs_of,
     outputs_path,
 )
-from detector.interface import load_detector, motion_reader
+from detector.loading import load_detector, motion_reader
 from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import read_network, weights_digest
 from drivers.errors import BadFile

@@ -12,7 +12,7 @@ from detector.energy import (
     energy_series,
     probability_of,
 )
-from detector.interface import DETECTORS, load_detector
+from detector.loading import DETECTORS, load_detector
 from detector.scores.evaluation import stream
 
 

@@ -9,7 +9,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from detector import network_file
-from detector.interface import load_detector
+from detector.loading import load_detector
 from detector.network import run_network
 from detector.network_file import read_network
 from detector.scores.evaluation import stream

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from detector.interface import DETECTORS, load_detector, memory_of
+from detector.loading import DETECTORS, load_detector, memory_of
 from detector.network_file import packaged_networks, read_network, weights_path
 from grasp.settings import names
 from scenarios.campaign.config import load_config

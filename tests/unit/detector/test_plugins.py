@@ -8,7 +8,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from detector import plugins
-from detector.interface import SlipDetector, load_detector
+from detector.interface import SlipDetector
+from detector.loading import load_detector
 from detector.plugins import PluginSettings, code_digest
 from drivers.errors import BadFile
 

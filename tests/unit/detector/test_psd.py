@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from detector.interface import load_detector
+from detector.loading import load_detector
 from detector.psd import (
     MEAN_COUNTS,
     STD_COUNTS,

@@ -11,8 +11,8 @@ from drivers.interfaces import (
     GripperState,
     TactileFrame,
 )
-from grasp.fault import GRIPPER, INTERRUPTED, TRIAL, Fault
-from grasp.observation import Observation
+from grasp.control.fault import GRIPPER, INTERRUPTED, TRIAL, Fault
+from grasp.control.observation import Observation
 
 LOST = (Fault("link_lost", GRIPPER, "unplugged", "plug it in", kind="link_lost"),)
 STOP = Fault(INTERRUPTED, TRIAL, "stopped by hand", kind=INTERRUPTED)

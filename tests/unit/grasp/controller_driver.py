@@ -4,18 +4,18 @@ import msgspec
 
 from detector.decision import DecisionRule, RuleSettings
 from drivers.interfaces import Counts3, Detection, GripperState, Vector3
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     MoveArm,
     MoveFingers,
     OpenFingers,
     StopArm,
 )
-from grasp.contact_estimator import Stiffness
-from grasp.controller import Decision, GraspController
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.slip_monitor import SlipMonitor, SlipSettings
-from grasp.states import State
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller import Decision, GraspController
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.slip_monitor import SlipMonitor, SlipSettings
+from grasp.control.states import State
 from tests.unit.grasp.builders import arm, gripper, observation
 
 TICK = 10_000_000

@@ -4,12 +4,12 @@ from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
-from grasp.clock import VirtualClock
-from grasp.commands import Command, HoldFingers, StopArm
-from grasp.controller_settings import LoopSettings
-from grasp.loop import ControlLoop, Devices, Tick
-from grasp.safe_state import Unconfirmed
-from grasp.states import State
+from grasp.control.commands import Command, HoldFingers, StopArm
+from grasp.control.controller_settings import LoopSettings
+from grasp.control.safe_state import Unconfirmed
+from grasp.control.states import State
+from grasp.run.clock import VirtualClock
+from grasp.run.loop import ControlLoop, Devices, Tick
 from tests.unit.grasp.builders import arm, frame, gripper, observation
 
 MS = 1_000_000

@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
-from grasp.contact_estimator import Stiffness
-from grasp.guard import ForceGuard, GuardSettings
-from grasp.set_down import SLIP_MARGIN_M
-from grasp.states import State
+from grasp.control.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.guard import ForceGuard, GuardSettings
+from grasp.control.set_down import SLIP_MARGIN_M
+from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 

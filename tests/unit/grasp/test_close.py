@@ -6,12 +6,12 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Counts3, Detection
-from grasp.commands import CloseFast
-from grasp.contact_estimator import Stiffness
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
-from grasp.observation import Observation
-from grasp.slip_response.close import STAGE_NS, SlipResponse
+from grasp.control.commands import CloseFast
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.lift_line import LiftLine
+from grasp.control.observation import Observation
+from grasp.control.slip_response.close import STAGE_NS, SlipResponse
 from tests.unit.grasp.builders import gripper, observation
 
 S = ControllerSettings(closing_speed_mps=0.1)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grasp.contact_estimator import ContactEstimator, Stiffness
+from grasp.control.contact_estimator import ContactEstimator, Stiffness
 from tests.unit.grasp.builders import observation
 
 TICK = 10_000_000

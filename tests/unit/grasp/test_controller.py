@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.commands import (
+from grasp.control.commands import (
     BeginRest,
     CloseFast,
     HoldFingers,
@@ -12,9 +12,9 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.controller_settings import ControllerSettings
-from grasp.monitors.checks import failed
-from grasp.states import State
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.monitors.checks import failed
+from grasp.control.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, observation
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 

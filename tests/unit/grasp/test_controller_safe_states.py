@@ -2,14 +2,14 @@
 
 import pytest
 
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     HoldFingers,
     StopArm,
 )
-from grasp.fault import Fault
-from grasp.monitors.checks import failed
-from grasp.states import State
+from grasp.control.fault import Fault
+from grasp.control.monitors.checks import failed
+from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import MOVING, TICK, Driver
 

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from grasp.controller_settings import ControllerSettings
+from grasp.control.controller_settings import ControllerSettings
 
 
 def test_defaults_match_the_published_results() -> None:

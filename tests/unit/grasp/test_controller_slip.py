@@ -3,12 +3,12 @@
 import msgspec
 import pytest
 
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     MoveArm,
     StopArm,
 )
-from grasp.states import State
+from grasp.control.states import State
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 

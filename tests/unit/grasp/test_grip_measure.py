@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.interfaces import Counts3, Vector3
-from grasp.grip_measure import READ_NS, GripMeasure
+from grasp.control.grip_measure import READ_NS, GripMeasure
 
 GUESS_N, LIMIT_N, OVERSHOOT_N = 1.9, 10.0, 1.0
 STEP_NS = 10_000_000

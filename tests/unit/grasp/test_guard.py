@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, Vector3
-from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
-from grasp.contact_estimator import Stiffness
-from grasp.guard import ForceGuard, GuardSettings, limit_in_words
+from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.guard import ForceGuard, GuardSettings, limit_in_words
 from tests.unit.grasp.builders import gripper
 
 M_PER_COUNT = 0.00077

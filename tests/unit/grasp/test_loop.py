@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import LinkLost, Refused
-from grasp import signals
-from grasp.commands import (
+from grasp.control.commands import (
     BeginRest,
     CloseFast,
     Command,
@@ -17,9 +16,10 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.fault import Fault
-from grasp.loop import Issued
-from grasp.states import State
+from grasp.control.fault import Fault
+from grasp.control.states import State
+from grasp.run import signals
+from grasp.run.loop import Issued
 from tests.unit.grasp.builders import STOP
 from tests.unit.grasp.loop_bench import MS, Bench
 

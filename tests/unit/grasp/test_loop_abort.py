@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.interfaces import Detection
-from grasp.commands import CloseFast, MoveArm, StopArm
+from grasp.control.commands import CloseFast, MoveArm, StopArm
 from tests.unit.grasp.builders import REST, arm, gripper
 from tests.unit.grasp.loop_bench import MS, Bench
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from drivers.interfaces import Detection
-from grasp.commands import CloseFast
+from grasp.control.commands import CloseFast
 from tests.unit.grasp.builders import gripper, observation
 from tests.unit.grasp.controller_driver import LATCHED, MOVING
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from grasp.realtime import RealTimeSettings, real_time
+from grasp.run.realtime import RealTimeSettings, real_time
 
 
 def policy() -> int:

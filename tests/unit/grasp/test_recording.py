@@ -20,9 +20,9 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState
-from grasp.mcap_writer import LEVEL
-from grasp.messages import ArmMessage, arm_message, recorded_arm
-from grasp.recording import LIBRARY, METADATA_NAME, RunRecorder, RunRecording
+from grasp.run.mcap_writer import LEVEL
+from grasp.run.messages import ArmMessage, arm_message, recorded_arm
+from grasp.run.recording import LIBRARY, METADATA_NAME, RunRecorder, RunRecording
 
 
 class Side(IntEnum):

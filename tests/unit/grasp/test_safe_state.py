@@ -4,16 +4,16 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.commands import CloseFast, Command, HoldFingers
-from grasp.contact_estimator import Stiffness
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import ARM, Fault
-from grasp.lift_line import LiftLine
-from grasp.monitors.checks import failed
-from grasp.observation import Observation
-from grasp.safe_state import SafeState, SafeStateSupervisor
-from grasp.slip_response.close import SlipResponse
-from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
+from grasp.control.commands import CloseFast, Command, HoldFingers
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.fault import ARM, Fault
+from grasp.control.lift_line import LiftLine
+from grasp.control.monitors.checks import failed
+from grasp.control.observation import Observation
+from grasp.control.safe_state import SafeState, SafeStateSupervisor
+from grasp.control.slip_response.close import SlipResponse
+from grasp.control.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, observation
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)

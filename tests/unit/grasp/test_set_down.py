@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
-from grasp.states import State
+from grasp.control.commands import CloseFast, MoveArm, OpenFingers, StopArm
+from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import grip_forces, near, probed, tightened
 
-SURE = "grasp.set_down.MAX_RISE_SHARE"  # largest rise without a conclusive probe
+SURE = "grasp.control.set_down.MAX_RISE_SHARE"  # largest rise without a conclusive probe
 
 HOME_M = 0.4
 GRIP = grip_forces(3.0)
@@ -139,7 +139,7 @@ def test_probe_without_a_change_continues_the_descent(
 def test_inconclusive_probes_end_with_hand_and_height_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("grasp.set_down.MAX_TIGHTENINGS", 1)
+    monkeypatch.setattr("grasp.control.set_down.MAX_TIGHTENINGS", 1)
     d = probed(GRIP[0], GRIP[0])
     assert d.controller.state is State.LOST
     assert "uncertain" in d.controller.machine.log[-1].cause

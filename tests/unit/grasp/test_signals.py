@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from grasp import signals
-from grasp.signals import SIGNALS, Interruption
+from grasp.run import signals
+from grasp.run.signals import SIGNALS, Interruption
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_keyboard_interrupt_of_python_has_a_cause() -> None:
 
 WATCHED = """
 import ctypes, os, signal, sys, threading, time
-from grasp import signals
+from grasp.run import signals
 def send_signals():
     time.sleep(0.1)
     os.kill(os.getpid(), signal.SIGTERM)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from detector.decision import DecisionRule, RuleSettings
-from grasp.slip_monitor import SlipMonitor, SlipSettings, SlipStatus
+from grasp.control.slip_monitor import SlipMonitor, SlipSettings, SlipStatus
 
 TICK = 10_000_000
 

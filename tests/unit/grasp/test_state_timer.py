@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from drivers.interfaces import ArmState
-from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.state_timer import HALTED_NS, LEAST_PACE
-from grasp.states import State
+from grasp.control.commands import HoldFingers, MoveArm, StopArm
+from grasp.control.state_timer import HALTED_NS, LEAST_PACE
+from grasp.control.states import State
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 

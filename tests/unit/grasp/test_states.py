@@ -7,7 +7,7 @@ from transitions import MachineError
 from transitions.extensions.diagrams import HierarchicalGraphMachine
 from transitions.extensions.nesting import NestedState
 
-from grasp.states import TRANSITIONS, State, StateMachine, Trigger
+from grasp.control.states import TRANSITIONS, State, StateMachine, Trigger
 
 PAGE = Path(__file__).parents[3] / "docs" / "architecture.md"
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detector.auxiliary_outputs import Motion
+from detector.interface import Motion
 from drivers.errors import Refused
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     Command,
     GripperCommand,
@@ -20,16 +20,16 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.contact_estimator import Stiffness
-from grasp.controller import Decision, GraspController
-from grasp.fault import lines
-from grasp.guard import ForceGuard, GuardSettings
-from grasp.monitors.checks import CHECKS, Monitors
-from grasp.monitors.settings import MonitorSettings
-from grasp.observation import Observation
-from grasp.slip_monitor import DISARMED
-from grasp.states import SAFE_STATES, State
-from grasp.step import GraspStep
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller import Decision, GraspController
+from grasp.control.fault import lines
+from grasp.control.guard import ForceGuard, GuardSettings
+from grasp.control.monitors.checks import CHECKS, Monitors
+from grasp.control.monitors.settings import MonitorSettings
+from grasp.control.observation import Observation
+from grasp.control.slip_monitor import DISARMED
+from grasp.control.states import SAFE_STATES, State
+from grasp.control.step import GraspStep
 from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 

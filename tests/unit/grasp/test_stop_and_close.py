@@ -3,9 +3,9 @@
 import pytest
 
 from drivers.interfaces import ArmState
-from grasp.commands import CloseFast, MoveArm, StopArm
-from grasp.slip_response.stop_and_close import RESUME_MPS2
-from grasp.states import State
+from grasp.control.commands import CloseFast, MoveArm, StopArm
+from grasp.control.slip_response.stop_and_close import RESUME_MPS2
+from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 

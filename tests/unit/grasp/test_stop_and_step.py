@@ -3,13 +3,13 @@ enough."""
 
 import pytest
 
-from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
-from grasp.contact_estimator import Stiffness
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
-from grasp.observation import Observation
-from grasp.slip_response.stop_and_step import StopAndStep
-from grasp.states import State
+from grasp.control.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.lift_line import LiftLine
+from grasp.control.observation import Observation
+from grasp.control.slip_response.stop_and_step import StopAndStep
+from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper, observation
 from tests.unit.grasp.controller_driver import LATCHED, TICK, Driver
 from tests.unit.grasp.test_stop_and_close import commands

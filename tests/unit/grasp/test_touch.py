@@ -3,11 +3,11 @@
 import msgspec
 
 from drivers.interfaces import Counts3, Detection, Vector3
-from grasp.commands import GripperCommand, HoldFingers, MoveFingers
-from grasp.controller_settings import ControllerSettings
-from grasp.grip_measure import Reading
-from grasp.observation import Observation
-from grasp.touch import BRACE_COUNTS, CLOSED_COUNTS, SILENT_COUNTS, Touch
+from grasp.control.commands import GripperCommand, HoldFingers, MoveFingers
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.grip_measure import Reading
+from grasp.control.observation import Observation
+from grasp.control.touch import BRACE_COUNTS, CLOSED_COUNTS, SILENT_COUNTS, Touch
 from tests.unit.grasp.builders import gripper, observation
 
 SETTINGS = ControllerSettings(first_grasp="touch", first_force_n=2.0, contact_n=0.3)

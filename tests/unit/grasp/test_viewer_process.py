@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from grasp.cli import view
-from grasp.viewer_process import ViewerProcess
+from grasp.run.viewer_process import ViewerProcess
 
 GLIMPSE = view.TickView(
     1.25, "lift", "nominal", False, True, (1.0, 0.5, 0.5), [0.1, 0.0, 0.0], (60, 61, 62), 0.3

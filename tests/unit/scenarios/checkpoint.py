@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from drivers.takktile.model.link import ModelLink, ModelUsb
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import execution
 

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift

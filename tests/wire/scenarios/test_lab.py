@@ -20,7 +20,7 @@ from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from drivers.ur.link.connections import Rtde
 from drivers.ur.link.preflight import read_status
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of
 from scenarios.rigs.wired import open_arm

@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from grasp.cli import live, view
-from grasp.fault import Fault
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.fault import Fault
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.report.run_view import facts
 from scenarios.trial.final_state import FinalState
 

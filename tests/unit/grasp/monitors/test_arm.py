@@ -9,9 +9,9 @@ import pytest
 from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmModel
 from drivers.ur.settings import ArmModelSettings
-from grasp.commands import MoveArm, StopArm
-from grasp.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
-from grasp.monitors.settings import MonitorSettings
+from grasp.control.commands import MoveArm, StopArm
+from grasp.control.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
+from grasp.control.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import arm
 
 MS = 1_000_000

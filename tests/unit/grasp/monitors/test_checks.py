@@ -8,12 +8,18 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.interfaces import Detection
-from grasp.commands import Command, HoldFingers, MoveArm
-from grasp.fault import ARM, GRIPPER, Fault
-from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, invalid_probabilities
-from grasp.monitors.settings import MonitorSettings
-from grasp.observation import StepInput
-from grasp.states import CONTACT_STATES, SAFE_STATES, State
+from grasp.control.commands import Command, HoldFingers, MoveArm
+from grasp.control.fault import ARM, GRIPPER, Fault
+from grasp.control.monitors.checks import (
+    CHECKS,
+    Monitors,
+    failed,
+    implausible,
+    invalid_probabilities,
+)
+from grasp.control.monitors.settings import MonitorSettings
+from grasp.control.observation import StepInput
+from grasp.control.states import CONTACT_STATES, SAFE_STATES, State
 from tests.unit.grasp.builders import arm, codes, frame_of, gripper
 
 TICK = 10_000_000

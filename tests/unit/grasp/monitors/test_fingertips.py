@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grasp.monitors.checks import CHECKS
-from grasp.monitors.fingertips import (
+from grasp.control.monitors.checks import CHECKS
+from grasp.control.monitors.fingertips import (
     DEAD_SAMPLES,
     FROZEN_SAMPLES,
     RAIL_SAMPLES,
     STUCK_SAMPLES,
     FingertipHistory,
 )
-from grasp.monitors.settings import MonitorSettings
-from grasp.states import State
+from grasp.control.monitors.settings import MonitorSettings
+from grasp.control.states import State
 from tests.unit.grasp.builders import Codes, codes, frame_of
 
 

@@ -6,8 +6,8 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection, GripperState
-from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
-from grasp.monitors.gripper import (
+from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
     JUMP_COUNTS,
@@ -16,7 +16,7 @@ from grasp.monitors.gripper import (
     PRESSING_S,
     GripperHistory,
 )
-from grasp.monitors.settings import MonitorSettings
+from grasp.control.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import MOVING, gripper
 
 MS = 1_000_000

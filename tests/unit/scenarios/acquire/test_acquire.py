@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
-from grasp import signals
-from grasp.messages import ARM, TACTILE, TRUTH
-from grasp.recording import RunRecording
+from grasp.run import signals
+from grasp.run.messages import ARM, TACTILE, TRUTH
+from grasp.run.recording import RunRecording
 from scenarios.acquire import acquire
 from scenarios.acquire.acquire import CHANNELS, PRESS, AcquireOutcome, AcquireResult
 from scenarios.acquire.config import AcquireConfig, load_acquire_config

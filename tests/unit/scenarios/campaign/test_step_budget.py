@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import pytest
 
-from grasp.loop import ControlLoop
+from grasp.run.loop import ControlLoop
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
 from scenarios.campaign.worker import run_once
 

@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
-from grasp.clock import VirtualClock
+from grasp.run.clock import VirtualClock
 from scenarios.lab.calibrate import BACK_COUNTS, Presser
 from scenarios.lab.hand import LEAD_M, TRIES, Hand, closing_targets, lead_counts, retry
 from tests.calibrations import MANUAL, PAPER

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import Detection, FingerState, GripperState
-from grasp.commands import MoveFingers
+from grasp.control.commands import MoveFingers
 from scenarios.lab.arm import step_arm
 from scenarios.lab.calibrate import check_force
 from scenarios.lab.hand import (

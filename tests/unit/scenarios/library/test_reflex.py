@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 import grasp
 from drivers.errors import ConfigError, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Detection
-from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, PolicyCommand
-from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.library.lift_environment import LiftEnvironment
 

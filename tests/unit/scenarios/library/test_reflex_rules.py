@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 import grasp
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_NS, ArmState, Counts3, Detection, TactileFrame, Vector3
-from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, Admitted, PolicyCommand
-from grasp.states import State
 from scenarios.trial.config import TrialConfig
 from tests.unit.grasp.builders import gripper
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasp.commands import CloseFast
-from grasp.controller import GraspController
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.commands import CloseFast
+from grasp.control.controller import GraspController
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.rig import Rig

@@ -2,8 +2,8 @@
 
 import pytest
 
-from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
-from grasp.states import State
+from grasp.control.commands import CloseFast, HoldFingers, MoveArm, StopArm
+from grasp.control.states import State
 from scenarios.world.cell import PadWeight
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault

@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from drivers.errors import ConfigError
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.execution import make_guard

@@ -17,13 +17,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from detector.decision import DecisionRule
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.driver import RegisterTransport
-from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
-from grasp.controller import GraspController
-from grasp.guard import GuardSettings
-from grasp.loop import ControlLoop
-from grasp.slip_monitor import SlipMonitor
-from grasp.states import State
-from grasp.step import GraspStep
+from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.controller import GraspController
+from grasp.control.guard import GuardSettings
+from grasp.control.slip_monitor import SlipMonitor
+from grasp.control.states import State
+from grasp.control.step import GraspStep
+from grasp.run.loop import ControlLoop
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig
@@ -216,7 +216,7 @@ def test_stress_test_finds_a_guard_without_a_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Without the guard the same machine finds a byte above the limit."""
-    monkeypatch.setattr("grasp.guard.ForceGuard.admit", lambda self, command, *_: command)
+    monkeypatch.setattr("grasp.control.guard.ForceGuard.admit", lambda self, command, *_: command)
     machine = GraspUnderStress()
     machine.start(60.0, "every_finger", bound=False, to_lift=True)
     machine.slip_begins()

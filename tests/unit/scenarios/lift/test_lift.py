@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import (

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from grasp.commands import MoveArm, MoveFingers, OpenFingers, StopArm
-from grasp.loop import Tick
-from grasp.states import AIRBORNE_STATES, State
+from grasp.control.commands import MoveArm, MoveFingers, OpenFingers, StopArm
+from grasp.control.states import AIRBORNE_STATES, State
+from grasp.run.loop import Tick
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
 from scenarios.trial.operator_prompts import TapeMark, read_mark

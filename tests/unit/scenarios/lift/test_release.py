@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.errors import DeviceFault
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lab.hand import Hand
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig, Rig

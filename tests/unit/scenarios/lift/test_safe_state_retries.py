@@ -5,9 +5,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.commands import CloseFast, StopArm
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.commands import CloseFast, StopArm
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift import device_faults as fault

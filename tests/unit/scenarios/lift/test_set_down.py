@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from grasp.loop import Tick
-from grasp.states import LOWERING_STATES, State
+from grasp.control.states import LOWERING_STATES, State
+from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift
@@ -58,7 +58,7 @@ SLIPPERY = ("object.friction_static=0.3", "object.friction_kinetic=0.25",
 def test_late_loop_does_not_press_a_ball_that_slipped_far_above_the_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("grasp.set_down.STEP_M", 3e-4)
+    monkeypatch.setattr("grasp.control.set_down.STEP_M", 3e-4)
     trial, observed = watched(ball("energy", *SLIPPERY, "loop.decision_delay_s=0.1"), 39)
     assert observed[0][1].slip_distance_m > SLIPPED_M
     assert peak_n(observed) < BOUND_N

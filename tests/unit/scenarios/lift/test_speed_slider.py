@@ -2,7 +2,7 @@
 
 import pytest
 
-from grasp.states import LOWERING_STATES, State
+from grasp.control.states import LOWERING_STATES, State
 from tests.unit.scenarios.conftest import Staged, in_phase, well_in
 from tests.unit.scenarios.lift.device_faults import Act, cell
 

@@ -3,9 +3,9 @@
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.commands import CloseFast
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.commands import CloseFast
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault

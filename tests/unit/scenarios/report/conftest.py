@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from grasp.recording import RunRecorder, RunRecording
+from grasp.run.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RESULT, RUN_CHANNELS
 from tests.unit.scenarios.conftest import config

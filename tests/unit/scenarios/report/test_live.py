@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grasp.recording import RunRecording
+from grasp.run.recording import RunRecording
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from grasp.fault import GRIPPER, Fault
-from grasp.messages import ArmMessage, ControlMessage, arm_message, tactile_message
+from grasp.control.fault import GRIPPER, Fault
+from grasp.run.messages import ArmMessage, ControlMessage, arm_message, tactile_message
 from scenarios.report.ros_topics import (
     ARM_JOINTS,
     DIAGNOSTICS,

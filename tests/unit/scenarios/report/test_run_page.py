@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from grasp.messages import PHASES
+from grasp.run.messages import PHASES
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.report.run_page import HEADS, run_page
 from scenarios.report.run_record import read_run

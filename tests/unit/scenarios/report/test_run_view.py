@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from detector.decision import DecisionRule, RuleSettings
-from grasp.slip_monitor import SlipMonitor, SlipSettings
+from grasp.control.slip_monitor import SlipMonitor, SlipSettings
 from scenarios.report.run_view import decided
 
 CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)

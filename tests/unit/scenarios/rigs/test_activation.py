@@ -11,7 +11,7 @@ from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import BASIC, SCISSOR, CommandRegisters
 from drivers.robotiq.settings import DriverSettings
-from grasp.clock import Clock, VirtualClock
+from grasp.run.clock import Clock, VirtualClock
 from scenarios.rigs.rig import activate, mode_of, take_over
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig

@@ -10,7 +10,7 @@ import pytest
 import grasp
 from drivers.errors import ConfigError, LinkLost, UsageError
 from grasp.cli.main import main
-from grasp.clock import WallClock
+from grasp.run.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs import config as rig_config
 from scenarios.rigs import opening

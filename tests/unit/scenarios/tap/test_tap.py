@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from grasp.loop import Issued, Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Issued, Tick
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig

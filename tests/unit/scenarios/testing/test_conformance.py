@@ -14,7 +14,7 @@ from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.model.board import BoardModel
 from drivers.takktile.model.link import ModelLink
 from drivers.ur.driver import ArmDriver
-from grasp.clock import VirtualClock
+from grasp.run.clock import VirtualClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.simulated import make_cell

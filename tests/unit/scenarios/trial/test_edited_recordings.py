@@ -8,9 +8,9 @@ import msgspec
 import pytest
 
 from drivers.errors import BadFile
-from grasp.commands import CloseFast, OpenFingers
-from grasp.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES, TACTILE
-from grasp.recording import RunRecorder, RunRecording
+from grasp.control.commands import CloseFast, OpenFingers
+from grasp.run.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES, TACTILE
+from grasp.run.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
 from scenarios.report.run_record import read_run
 from scenarios.trial.replay import replay_run

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from drivers.errors import LinkLost
-from grasp.states import State
+from grasp.control.states import State
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
 from scenarios.trial.final_state import (

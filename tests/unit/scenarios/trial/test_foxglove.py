@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from grasp.clock import VIRTUAL_EPOCH_NS
-from grasp.messages import ARM, GRIPPER, TRUTH
-from grasp.recording import RunRecording
+from grasp.run.clock import VIRTUAL_EPOCH_NS
+from grasp.run.messages import ARM, GRIPPER, TRUTH
+from grasp.run.recording import RunRecording
 from grasp.settings import config_dir
 from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RUN_CHANNELS

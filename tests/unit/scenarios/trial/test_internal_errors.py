@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from drivers.errors import Refused
-from grasp.commands import MoveArm
-from grasp.controller import GraspController
-from grasp.guard import ForceGuard
-from grasp.loop import Tick
-from grasp.monitors.checks import Monitors
-from grasp.recording import RunRecorder
-from grasp.states import AIRBORNE_STATES, State
+from grasp.control.commands import MoveArm
+from grasp.control.controller import GraspController
+from grasp.control.guard import ForceGuard
+from grasp.control.monitors.checks import Monitors
+from grasp.control.states import AIRBORNE_STATES, State
+from grasp.run.loop import Tick
+from grasp.run.recording import RunRecorder
 from scenarios.trial.replay import replay_run
 from scenarios.trial.run_folder import could_not_record
 from scenarios.world.cell import SimulatedCell

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from drivers.interfaces import Detection
-from grasp import signals
-from grasp.commands import CloseFast, StopArm
-from grasp.loop import Tick
-from grasp.states import END_STATES, SAFE_STATES, State
+from grasp.control.commands import CloseFast, StopArm
+from grasp.control.states import END_STATES, SAFE_STATES, State
+from grasp.run import signals
+from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.replay import replay_run

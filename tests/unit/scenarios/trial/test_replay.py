@@ -11,9 +11,9 @@ import pytest
 from detector import network
 from detector.network import RuntimeNetwork, StreamingNetwork
 from detector.recordings import Recording
-from grasp.commands import CloseFast
-from grasp.messages import CONTROL
-from grasp.recording import RunRecorder, RunRecording
+from grasp.control.commands import CloseFast
+from grasp.run.messages import CONTROL
+from grasp.run.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
 from scenarios.trial import replay_tactile as replay_module
 from scenarios.trial.replay import replay_run
@@ -81,19 +81,19 @@ RESET = StreamingNetwork.reset
 INSIDE = {
     "the detector is never reset": ("detector.network.StreamingNetwork.reset", only_at_first),
     "the guard never gets the first grasp": (
-        "grasp.guard.ForceGuard.set_first_grasp",
+        "grasp.control.guard.ForceGuard.set_first_grasp",
         lambda self, *a: None,
     ),
-    "the guard lets all through": ("grasp.guard.ForceGuard.admit", lambda self, c, *a: c),
+    "the guard lets all through": ("grasp.control.guard.ForceGuard.admit", lambda self, c, *a: c),
     "closing is not masked": (
-        "grasp.slip_monitor.SlipMonitor.closing",
+        "grasp.control.slip_monitor.SlipMonitor.closing",
         lambda self, t_ns: None,
     ),
     "force is not measured": (
-        "grasp.guard.ForceGuard.estimated_n",
+        "grasp.control.guard.ForceGuard.estimated_n",
         lambda self, c: (0.0, 0.0, 0.0),
     ),
-    "the monitor is never armed": ("grasp.slip_monitor.SlipMonitor.arm", lambda self: None),
+    "the monitor is never armed": ("grasp.control.slip_monitor.SlipMonitor.arm", lambda self: None),
 }
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from grasp.loop import Tick
-from grasp.states import State
+from grasp.control.states import State
+from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.rigs import simulated
 from scenarios.rigs.rig import Rig

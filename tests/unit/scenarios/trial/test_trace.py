@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from scenarios.trial.trace import Trace
 from tests.unit.scenarios.safety_probes import HELD, ZERO
 

@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 
 from grasp.cli.exits import code_of
-from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
-from grasp.loop import Tick
-from grasp.states import AIRBORNE_STATES, State
+from grasp.control.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
+from grasp.control.states import AIRBORNE_STATES, State
+from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift

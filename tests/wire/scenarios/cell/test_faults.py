@@ -3,7 +3,7 @@ phases are in tests/nightly, and in virtual time in tests/unit/scenarios/lift/te
 
 import pytest
 
-from grasp.states import State
+from grasp.control.states import State
 from tests.ur_rtde import needs_ur_rtde
 from tests.wire.scenarios.cell.lift_with_fault import run
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from detector.interface import load_detector
+from detector.loading import load_detector
 from detector.recordings import read_dataset
 from drivers.errors import UsageError
 from grasp.settings import config_dir

@@ -18,10 +18,10 @@ from msgspec import Meta
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
-from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
-from grasp.contact_estimator import Stiffness
-from grasp.grip_measure import GripMeasure
-from grasp.observation import Observation
+from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
+from grasp.control.contact_estimator import Stiffness
+from grasp.control.grip_measure import GripMeasure
+from grasp.control.observation import Observation
 
 CLOSED = 255  # counts
 TOUCHED_N = 0.3  # from here on a finger closes by single counts in a first grasp by touch; assumed

@@ -8,22 +8,22 @@ from itertools import compress
 import msgspec
 
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
-from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
-from grasp.contact_estimator import ContactEstimator
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import FINGERTIPS, LOST, TRIAL, Fault, lines
-from grasp.lift_line import AT_HEIGHT_M, LiftLine
-from grasp.monitors.checks import implausible
-from grasp.monitors.run import RunMonitor
-from grasp.observation import Observation
-from grasp.safe_state import SafeState, SafeStateSupervisor, Unconfirmed
-from grasp.set_down import SetDown, Transition
-from grasp.slip_monitor import SlipMonitor, SlipStatus
-from grasp.slip_response import RESPONSES
-from grasp.slip_response.close import CLOSED_COUNTS
-from grasp.state_timer import StateTimer
-from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
-from grasp.touch import Touch
+from grasp.control.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
+from grasp.control.contact_estimator import ContactEstimator
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.fault import FINGERTIPS, LOST, TRIAL, Fault, lines
+from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.control.monitors.checks import implausible
+from grasp.control.monitors.run import RunMonitor
+from grasp.control.observation import Observation
+from grasp.control.safe_state import SafeState, SafeStateSupervisor, Unconfirmed
+from grasp.control.set_down import SetDown, Transition
+from grasp.control.slip_monitor import SlipMonitor, SlipStatus
+from grasp.control.slip_response import RESPONSES
+from grasp.control.slip_response.close import CLOSED_COUNTS
+from grasp.control.state_timer import StateTimer
+from grasp.control.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
+from grasp.control.touch import Touch
 
 # share of `controller.contact_n` below which a finger bears nothing: 6 standard deviations of an
 # unloaded simulated fingertip

@@ -9,10 +9,10 @@ second stage. One stage closes to the limit if no safe travel is known, if conta
 """
 
 from drivers.interfaces import Counts3, Detection
-from grasp.commands import CloseFast, Command, StopArm
-from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
-from grasp.observation import Observation
+from grasp.control.commands import CloseFast, Command, StopArm
+from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.lift_line import LiftLine
+from grasp.control.observation import Observation
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)

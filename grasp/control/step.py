@@ -14,18 +14,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.auxiliary_outputs import Motion
-from detector.interface import SlipDetector
+from detector.interface import Motion, SlipDetector
 from drivers.errors import GraspError, counted, describe_exception, one_line
 from drivers.interfaces import GripperState, TactileFrame, Vector3
-from grasp.commands import CloseFast, Command, GripperCommand
-from grasp.controller import Decision, GraspController
-from grasp.fault import Fault
-from grasp.guard import ForceGuard
-from grasp.monitors.checks import DETECTOR_FAILED, Monitors, failed, invalid_probabilities
-from grasp.monitors.settings import MonitorSettings
-from grasp.observation import NO_SLIP, Observation
-from grasp.states import OPEN_STATES, UNTARED_STATES
+from grasp.control.commands import CloseFast, Command, GripperCommand
+from grasp.control.controller import Decision, GraspController
+from grasp.control.fault import Fault
+from grasp.control.guard import ForceGuard
+from grasp.control.monitors.checks import DETECTOR_FAILED, Monitors, failed, invalid_probabilities
+from grasp.control.monitors.settings import MonitorSettings
+from grasp.control.observation import NO_SLIP, Observation
+from grasp.control.states import OPEN_STATES, UNTARED_STATES
 
 SLIP_LIKELY = 0.5  # below this the kind of slip is not read: it is trained on slip only
 

@@ -1,8 +1,8 @@
 """StopAndClose: the arm stops, the hand closes, then the arm continues gently."""
 
-from grasp.commands import Command, StopArm
-from grasp.observation import Observation
-from grasp.slip_response.close import SlipResponse
+from grasp.control.commands import Command, StopArm
+from grasp.control.observation import Observation
+from grasp.control.slip_response.close import SlipResponse
 
 RESUME_MPS2 = 0.5  # greatest acceleration when the arm continues: adds 5 % to the load; assumed
 RESUME_QUIET_NS = 50_000_000  # time without slip before the arm continues; assumed

@@ -1,7 +1,7 @@
 """StateTimer: all times that count from the beginning of the present state."""
 
-from grasp.observation import Observation
-from grasp.states import LOWERING_STATES, State
+from grasp.control.observation import Observation
+from grasp.control.states import LOWERING_STATES, State
 
 SLOWED_STATES = frozenset({State.HOME, State.LIFT, State.RETREAT}) | LOWERING_STATES
 LEAST_PACE = 0.05  # a slower arm counts as this fast, so that every wait for it ends; assumed

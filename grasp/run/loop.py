@@ -21,9 +21,7 @@ from drivers.interfaces import (
     TactileSensor,
     Vector3,
 )
-from grasp import signals
-from grasp.clock import Clock, Deadlines, stopwatch_ns
-from grasp.commands import (
+from grasp.control.commands import (
     CloseFast,
     Command,
     GripperCommand,
@@ -34,12 +32,14 @@ from grasp.commands import (
     StopArm,
     describe,
 )
-from grasp.controller import Decision
-from grasp.controller_settings import LoopSettings
-from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
-from grasp.observation import Observation
-from grasp.states import State
-from grasp.step import GraspStep, StepResult
+from grasp.control.controller import Decision
+from grasp.control.controller_settings import LoopSettings
+from grasp.control.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
+from grasp.control.observation import Observation
+from grasp.control.states import State
+from grasp.control.step import GraspStep, StepResult
+from grasp.run import signals
+from grasp.run.clock import Clock, Deadlines, stopwatch_ns
 
 TIMED_OUT = "the run did not end in time"
 LONGER = "if it was only slow, raise loop.deadline_s"

@@ -10,8 +10,8 @@ from itertools import chain, compress
 import numpy as np
 
 from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, OPEN_COUNTS, Detection, TactileFrame
-from grasp.monitors.settings import Failures, MonitorSettings
-from grasp.observation import StepInput
+from grasp.control.monitors.settings import Failures, MonitorSettings
+from grasp.control.observation import StepInput
 
 INNER_CODES = frozenset(range(1, CODE_MAX))  # others are at a rail and show no change of pressure
 RAIL_SAMPLES = 3  # in a row with a whole fingertip at code 0 or 1023; assumed

@@ -2,10 +2,10 @@
 
 import math
 
-from grasp.commands import Command, MoveFingers
-from grasp.observation import Observation
-from grasp.slip_response.close import CLOSED_COUNTS
-from grasp.slip_response.stop_and_close import PATIENCE_NS, StopAndClose
+from grasp.control.commands import Command, MoveFingers
+from grasp.control.observation import Observation
+from grasp.control.slip_response.close import CLOSED_COUNTS
+from grasp.control.slip_response.stop_and_close import PATIENCE_NS, StopAndClose
 
 STEP_N = 1.5  # force of a step, rounded down to motor counts, at least one; assumed
 MAX_STEPS = 5  # steps in a lift; later slip leads to a closing to the limit; assumed

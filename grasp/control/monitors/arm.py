@@ -7,10 +7,10 @@ checked here. Times are those at which the controller's data arrived.
 import math
 
 from drivers.interfaces import ArmState, Vector3
-from grasp.commands import MoveArm, StopArm
-from grasp.lift_line import AT_HEIGHT_M
-from grasp.monitors.settings import FLIPS, Failures, MonitorSettings, too_often
-from grasp.state_timer import LEAST_PACE
+from grasp.control.commands import MoveArm, StopArm
+from grasp.control.lift_line import AT_HEIGHT_M
+from grasp.control.monitors.settings import FLIPS, Failures, MonitorSettings, too_often
+from grasp.control.state_timer import LEAST_PACE
 
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
 AT_TARGET_M = AT_HEIGHT_M  # so close to its target it need not move

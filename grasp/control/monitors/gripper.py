@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Counts3, Detection, GripperState
-from grasp.commands import CloseFast, GripperCommand, MoveFingers, OpenFingers
-from grasp.monitors.settings import FLIPS, Failures, Fields, MonitorSettings, too_often
+from grasp.control.commands import CloseFast, GripperCommand, MoveFingers, OpenFingers
+from grasp.control.monitors.settings import FLIPS, Failures, Fields, MonitorSettings, too_often
 
 OUTDATED_READS = 5  # status reads before a command counts as ignored: it may be on its way for two
 CONTACT = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)

@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S, Counts3, Vector3
-from grasp.contact_estimator import Stiffness
+from grasp.control.contact_estimator import Stiffness
 
 
 class GripPlan(msgspec.Struct, frozen=True):
@@ -139,7 +139,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Period and deadlines of the control loop (`grasp.loop`)."""
+    """Period and deadlines of the control loop (`grasp.run.loop`)."""
 
     # paper: 100 Hz
     period_s: Annotated[

@@ -9,13 +9,13 @@ from enum import Enum, auto
 
 import msgspec
 
-from grasp.commands import Command, OpenFingers, StopArm
-from grasp.contact_estimator import ContactEstimator, thumb_n
-from grasp.controller_settings import ControllerSettings
-from grasp.lift_line import AT_HEIGHT_M, LiftLine
-from grasp.observation import Observation
-from grasp.state_timer import StateTimer
-from grasp.states import Trigger
+from grasp.control.commands import Command, OpenFingers, StopArm
+from grasp.control.contact_estimator import ContactEstimator, thumb_n
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.control.observation import Observation
+from grasp.control.state_timer import StateTimer
+from grasp.control.states import Trigger
 
 CREEP_SHARE = 0.8  # share of controller.phase_timeout_s that the slow descent may take
 # in this time an object falls 5 cm: it may stand on the table and be gripped at a higher point

@@ -11,14 +11,14 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from detector.auxiliary_outputs import Motion
+from detector.interface import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
-from grasp.commands import Command
-from grasp.controller import Decision
-from grasp.fault import Fault
-from grasp.loop import Tick
-from grasp.observation import Observation, StepInput
-from grasp.states import PhaseChange
+from grasp.control.commands import Command
+from grasp.control.controller import Decision
+from grasp.control.fault import Fault
+from grasp.control.observation import Observation, StepInput
+from grasp.control.states import PhaseChange
+from grasp.run.loop import Tick
 
 Int16 = Annotated[int, msgspec.Meta(ge=-(2**15), lt=2**15)]
 

@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from grasp.observation import Observation
+from grasp.control.observation import Observation
 
 LOST_NS = 50_000_000  # contact that is absent for so long counts as lost; assumed
 GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' oscillation

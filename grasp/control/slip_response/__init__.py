@@ -1,8 +1,8 @@
 """Slip responses: commands to hand and arm from the registration of slip until it is over."""
 
-from grasp.slip_response.close import SlipResponse
-from grasp.slip_response.stop_and_close import StopAndClose
-from grasp.slip_response.stop_and_step import StopAndStep
+from grasp.control.slip_response.close import SlipResponse
+from grasp.control.slip_response.stop_and_close import StopAndClose
+from grasp.control.slip_response.stop_and_step import StopAndStep
 
 RESPONSES: dict[str, type[SlipResponse]] = {
     "close": SlipResponse,

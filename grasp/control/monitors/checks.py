@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.interfaces import FINGERS, ArmState
-from grasp.commands import Command, GripperCommand, MoveArm, StopArm
-from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
-from grasp.monitors.arm import ArmHistory
-from grasp.monitors.fingertips import FingertipHistory, PressHistory
-from grasp.monitors.gripper import GripperHistory
-from grasp.monitors.settings import Failures, MonitorSettings
-from grasp.observation import StepInput
-from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
+from grasp.control.commands import Command, GripperCommand, MoveArm, StopArm
+from grasp.control.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
+from grasp.control.monitors.arm import ArmHistory
+from grasp.control.monitors.fingertips import FingertipHistory, PressHistory
+from grasp.control.monitors.gripper import GripperHistory
+from grasp.control.monitors.settings import Failures, MonitorSettings
+from grasp.control.observation import StepInput
+from grasp.control.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 
 ALWAYS = frozenset(State)
 TOUCHING = ALWAYS - OPEN_STATES  # contact of some fingertip is possible

@@ -25,7 +25,7 @@ class State(StrEnum):
     COMPENSATE = "compensate"  # the response to slip
     HOLD = "hold"  # at the top
     DESCEND = "lower.descend"  # fast, to the greatest height at which the object can stand
-    FEEL = "lower.feel"  # slowly, until the grip shows that it stands (`grasp.set_down`)
+    FEEL = "lower.feel"  # slowly, until the grip shows that it stands (`grasp.control.set_down`)
     OPEN = "release.open"  # fingers on their way open
     RETREAT = "release.retreat"  # the arm on its way clear of the object
     SET_DOWN = "done.set_down"  # the object stands, and the arm is clear of it

@@ -8,9 +8,9 @@ thumb closes by one count at a time, and the force is read at rest, until it is 
 from enum import Enum, auto
 
 from drivers.interfaces import Counts3, Detection, Vector3
-from grasp.commands import GripperCommand, HoldFingers, MoveFingers
-from grasp.controller_settings import ControllerSettings
-from grasp.observation import Observation
+from grasp.control.commands import GripperCommand, HoldFingers, MoveFingers
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.observation import Observation
 
 # Rise of the estimated force that counts as contact: three times what free motion shows. The
 # hand's contact bit would need a stalled motor, which presses with more than the limit.

@@ -1,9 +1,9 @@
 """LiftLine: the vertical line along which the arm lifts and lowers."""
 
 from drivers.interfaces import Vector3
-from grasp.commands import MoveArm
-from grasp.controller_settings import ControllerSettings
-from grasp.observation import Observation
+from grasp.control.commands import MoveArm
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.observation import Observation
 
 AT_HEIGHT_M = 0.001  # the arm counts as there within this; assumed
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.auxiliary_outputs import Motion
+from detector.interface import Motion
 from drivers.interfaces import (
     FINGERS,
     ArmState,
@@ -16,9 +16,9 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.commands import CloseFast
-from grasp.fault import ARM, GRIPPER, Fault, stale
-from grasp.grip_measure import Reading
+from grasp.control.commands import CloseFast
+from grasp.control.fault import ARM, GRIPPER, Fault, stale
+from grasp.control.grip_measure import Reading
 
 NO_SLIP = np.zeros(FINGERS)  # the probabilities of a step without any
 NO_SLIP.flags.writeable = False

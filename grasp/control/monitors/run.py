@@ -1,13 +1,13 @@
 """RunMonitor: conditions that end a run: faults, old states, overforce, a slow arm, time-outs."""
 
 from drivers.interfaces import MIN_SPEED_FRACTION, ArmState
-from grasp.contact_estimator import ContactEstimator
-from grasp.controller_settings import ControllerSettings
-from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
-from grasp.monitors.checks import failed
-from grasp.observation import Observation
-from grasp.state_timer import StateTimer
-from grasp.states import AIRBORNE_STATES, END_STATES, LOWERING_STATES, OPEN_STATES, State
+from grasp.control.contact_estimator import ContactEstimator
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
+from grasp.control.monitors.checks import failed
+from grasp.control.observation import Observation
+from grasp.control.state_timer import StateTimer
+from grasp.control.states import AIRBORNE_STATES, END_STATES, LOWERING_STATES, OPEN_STATES, State
 
 OVERLOAD_NS = 30_000_000  # estimated force may be so long above the limit in motion; assumed
 UNTIMED_STATES = END_STATES | {State.START, State.HOLD}

@@ -10,14 +10,20 @@ from typing import NamedTuple
 
 import msgspec
 
-from grasp.commands import CloseFast, Command, HoldFingers, StopArm
-from grasp.controller_settings import ControllerSettings
-from grasp.fault import ARM, IMPLAUSIBLE, Fault
-from grasp.monitors.checks import implausible
-from grasp.observation import Observation
-from grasp.slip_response.close import SlipResponse
-from grasp.state_timer import REPEAT_NS
-from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
+from grasp.control.commands import CloseFast, Command, HoldFingers, StopArm
+from grasp.control.controller_settings import ControllerSettings
+from grasp.control.fault import ARM, IMPLAUSIBLE, Fault
+from grasp.control.monitors.checks import implausible
+from grasp.control.observation import Observation
+from grasp.control.slip_response.close import SlipResponse
+from grasp.control.state_timer import REPEAT_NS
+from grasp.control.states import (
+    AIRBORNE_STATES,
+    CLOSING_STATES,
+    CONTACT_STATES,
+    UNMOVED_STATES,
+    State,
+)
 
 SAFE_STATE_NS = 3_000_000_000  # longest time for which a safe state is requested; assumed
 

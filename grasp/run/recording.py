@@ -23,7 +23,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from drivers.errors import BadFile
 from grasp.files import private_opener
-from grasp.mcap_writer import COMPRESSION, McapWriter
+from grasp.run.mcap_writer import COMPRESSION, McapWriter
 
 LIBRARY = "grasp-controller"  # without version, which is in the metadata
 METADATA_NAME = "run"

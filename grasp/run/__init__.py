@@ -1,0 +1,1 @@
+"""A run: the control loop on devices, its clock, signals and recording."""
