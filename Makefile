@@ -42,7 +42,7 @@ OBJECT ?= can
 
 .PHONY: install install-dev install-charts install-exports install-train install-cluster install-ros docs lift test test-unit test-wire test-all test-nightly \
         test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
-        test-train test-cluster test-browser test-ros bench results check check-style check-types check-imports lock clean
+        test-train test-cluster test-browser test-ros bench results check check-style check-types check-imports check-size lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -131,7 +131,7 @@ lift: install
 
 # lint-imports' cache keeps old answers when a module is new; without it takes no longer
 check: install-dev
-	@$(MAKE) --no-print-directory --jobs --output-sync check-style check-types check-imports
+	@$(MAKE) --no-print-directory --jobs --output-sync check-style check-types check-imports check-size
 check-style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -139,6 +139,8 @@ check-types:
 	$(BIN)/mypy
 check-imports:
 	$(BIN)/lint-imports --no-logo --no-cache
+check-size:
+	$(BIN)/python -m tests.size
 
 # One worker more than there are cores: tests on wires wait for real time, and compute little.
 WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores + 1 : 8)))
