@@ -172,7 +172,7 @@ class Gripper(Protocol):
 
     def close_fast(
         self,
-        force_cap_n: float,
+        force_limit_n: float,
         closing: tuple[bool, bool, bool],
         limits_counts: Counts3,
         speed_mps: float,

@@ -114,8 +114,8 @@ class PolicyObservation(Observation, kw_only=True):
     below_limit: bool = False
 
     @property
-    def at_cap(self) -> bool:
-        return not self.below_limit and super().at_cap
+    def at_limit(self) -> bool:
+        return not self.below_limit and super().at_limit
 
 
 class PolicyArmHistory(ArmHistory):
@@ -189,7 +189,7 @@ class ReflexController(GraspController):
         self._transition(Trigger.AT_TOP, obs, cause)
 
     def _give_up(self, obs: Observation, cause: str) -> None:
-        self.cap_reached = True
+        self.limit_reached = True
 
 
 class Reflex:
@@ -283,7 +283,7 @@ class Reflex:
         return Admitted(
             hand=hand, arm_velocity_mps=velocity, arm_acceleration_mps2=ramp_mps2,
             state=controller.state, slip=controller.slip_monitor.status, held=controller.held,
-            exhausted=controller.cap_reached, estimated_force_n=obs.estimated_n,
+            exhausted=controller.limit_reached, estimated_force_n=obs.estimated_n,
             faults=controller.faults, refused=tuple(refused),
         )  # fmt: skip
 
@@ -340,7 +340,7 @@ class Reflex:
         elif settles or controller.state is State.SETTLE:
             admitted, ramp_mps2 = AT_REST, s.slip_stop_mps2
         elif controller.held and (
-            controller.state is State.COMPENSATE or controller.cap_reached or unmonitored
+            controller.state is State.COMPENSATE or controller.limit_reached or unmonitored
         ):
             admitted = (0.0, 0.0, min(0.0, wanted[2]))
             ramp_mps2 = s.slip_stop_mps2 if admitted == AT_REST else ramp_mps2

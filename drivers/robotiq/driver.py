@@ -94,7 +94,7 @@ class RobotiqDriver(HandTracker):
 
     def close_fast(
         self,
-        force_cap_n: float,
+        force_limit_n: float,
         closing: tuple[bool, bool, bool],
         limits_counts: Counts3,
         speed_mps: float,
@@ -104,7 +104,7 @@ class RobotiqDriver(HandTracker):
         No finger opens: one that is already beyond its limit keeps its position. Where positions
         are uncertain, it continues to its last target, no faster than before.
         """
-        byte = self._calibration.byte_at_most(force_cap_n)
+        byte = self._calibration.byte_at_most(force_limit_n)
         limits = checked_counts(limits_counts)
         held = self._hold_targets(self._known_state())
         targets = closing_targets(closing, limits, held)

@@ -210,15 +210,15 @@ class ThreadedGripper:
 
     def close_fast(
         self,
-        force_cap_n: float,
+        force_limit_n: float,
         closing: tuple[bool, bool, bool],
         limits_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
         targets = closing_targets(closing, limits_counts, self._positions)
-        request = Applied(targets, speed_mps, force_cap_n, note=_DEFERRED_NOTE)
+        request = Applied(targets, speed_mps, force_limit_n, note=_DEFERRED_NOTE)
         return self._command(
-            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), request
+            lambda: self._core.close_fast(force_limit_n, closing, limits_counts, speed_mps), request
         )
 
     def hold(self) -> Applied:

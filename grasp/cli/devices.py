@@ -118,7 +118,7 @@ def _move(
     order = ""  # order of the fingers, in words
     if closing:
         hand.hand_guard(config)  # raises what a run would, before anything moves
-        if config.guard.cap_mode != "each_motor" and set("BC") & set(closing):
+        if config.guard.limit_mode != "each_motor" and set("BC") & set(closing):
             thumb = ", then the thumb alone" if "A" in closing else ""
             order = f"; B and C until contact at most{thumb}"
 

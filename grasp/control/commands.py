@@ -14,10 +14,10 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 
 class CloseFast(msgspec.Struct, frozen=True, tag=True):
-    """The marked fingers close until ``force_cap_n`` or their count limit; the others hold.
+    """The marked fingers close until ``force_limit_n`` or their count limit; the others hold.
     ``first_stage``: it ends below the force limit; a second stage follows when the hand rests."""
 
-    force_cap_n: float
+    force_limit_n: float
     closing: tuple[bool, bool, bool]
     limits_counts: Counts3
     speed_mps: float

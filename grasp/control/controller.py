@@ -62,7 +62,7 @@ class GraspController:
         self._plan = plan
         self.slip_monitor = monitor
         self.machine = StateMachine()
-        self.cap_reached = False  # slip continued at the force limit: the object is set down
+        self.limit_reached = False  # slip continued at the force limit: the object is set down
         self.alarm_stayed = False  # slip was still registered when the hold ended
         self.faults: tuple[Fault, ...] = ()  # why the run ended early
         self._supervisor: SafeStateSupervisor | None = None  # once a safe state was entered
@@ -75,7 +75,7 @@ class GraspController:
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
         by_touch = settings.first_grasp == "touch"
-        self._touch = Touch(settings, plan.force_cap_n) if by_touch else None
+        self._touch = Touch(settings, plan.force_limit_n) if by_touch else None
         self._firm = False  # the closing to the force limit has been commanded
         self._loading_steps = 0  # counts that fingers without load have closed further
         # the first finger that bore nothing, and the force at the thumb then
@@ -280,7 +280,7 @@ class GraspController:
         """Close a finger that bears nothing by one count, or end the run where it may not close
         further: an object between two fingers slides without a registered slip."""
         limit_n, steps, targets = (
-            self._plan.force_cap_n, self._loading_steps, list(obs.gripper.requested)
+            self._plan.force_limit_n, self._loading_steps, list(obs.gripper.requested)
         )  # fmt: skip
         first, thumb_before_n = self._unloaded or (finger, obs.estimated_n[0])
         self._unloaded = first, thumb_before_n
@@ -330,8 +330,8 @@ class GraspController:
         slip, lost = self.slip_monitor.status, self._contact.thumb_lost
         rising = self._rising(obs)
         # with `hold_by_clock` slip at the limit is ignored: no closing and no set-down could follow
-        ignored = self._settings.hold_by_clock and obs.at_cap
-        if lost and obs.at_cap:
+        ignored = self._settings.hold_by_clock and obs.at_limit
+        if lost and obs.at_limit:
             self._lose(obs, "contact lost, and the thumb can close no further")
         elif self._settings.reactions and (lost or (slip.registered and not ignored)):
             registered = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
@@ -374,12 +374,12 @@ class GraspController:
             self._commands += more
         elif s.hold_by_clock:
             self._resume(obs, "slip continues; the hold ends after hold_s")
-        elif waited_ns >= s.cap_patience_s * 1e9:
+        elif waited_ns >= s.limit_patience_s * 1e9:
             self._give_up(obs, "slip continues and the force cannot rise further")
 
     def _give_up(self, obs: Observation, cause: str) -> None:
         """Set the object down, because the force cannot rise further."""
-        self.cap_reached = True
+        self.limit_reached = True
         self._lower(obs, cause)
 
     def _resume(self, obs: Observation, cause: str) -> None:

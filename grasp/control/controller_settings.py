@@ -15,7 +15,7 @@ class GripPlan(msgspec.Struct, frozen=True):
 
     preshape_counts: Counts3  # just short of the object, the thumb further back
     grip_counts: Counts3  # in contact, with too little force
-    force_cap_n: float  # force limit when the hand closes for slip: that of the guard (paper: 10 N)
+    force_limit_n: float  # when the hand closes for slip: that of the guard (paper: 10 N)
     stiffness: Stiffness  # of the contact between thumb and object
     home: Vector3 | None = None  # of the arm, from an earlier run; None: its present position
 
@@ -35,7 +35,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         Meta(description="touch: the fingers close until they feel the object, then by counts to "
              "first_force_n; counts: they close to object.grip_counts (paper, section V-B); null: "
              "touch in `grasp run lift`, `grasp.lift` and ROS, unless the grip is firm or "
-             "guard.cap_mode is each_motor; elsewhere counts"),
+             "guard.limit_mode is each_motor; elsewhere counts"),
     ] = None  # fmt: skip
     # the lift experiment is about a grip that is too weak; to carry things, 4 N
     first_force_n: Annotated[
@@ -54,7 +54,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.022, le=0.11, description="finger speed of the closing for slip")
     ] = 0.11
     # two_stage: fast to the safe travel (`ForceGuard`), then slowly to the limit. constant: one
-    # speed, as in the paper, and always with guard.cap_mode = each_motor
+    # speed, as in the paper, and always with guard.limit_mode = each_motor
     closing: Annotated[
         Literal["two_stage", "constant"],
         Meta(description="closing for slip: in two stages, or at one speed"),
@@ -105,10 +105,10 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.0, le=600.0, description="hold at the top after the last slip")
     ] = 1.0
     # the detector's memory is used instead if it is longer
-    cap_patience_s: Annotated[
+    limit_patience_s: Annotated[
         float, Meta(ge=0.05, le=5.0, description="duration of slip at the limit before a set-down")
     ] = 0.3
-    # then no run ends as cap_reached
+    # then no run ends as limit_reached
     hold_by_clock: Annotated[
         bool, Meta(description="hold for hold_s even during slip (paper, V-C)")
     ] = False

@@ -32,18 +32,18 @@ THUMB_ALONE = (True, False, False)
 STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
 
-CapMode = Literal["every_finger", "each_motor"]
+LimitMode = Literal["every_finger", "each_motor"]
 PerNewton = Annotated[float, Meta(ge=1.0, le=5e3)]  # counts
 # msgspec 0.22 misreads a tuple of fixed length in a union with a bounded number
 EachPerNewton = Annotated[tuple[PerNewton, ...], Meta(min_length=3, max_length=3)]
 
 
-def limit_in_words(limit_n: float, cap_mode: CapMode) -> str:
+def limit_in_words(limit_n: float, limit_mode: LimitMode) -> str:
     """State the force limit and its meaning: for every finger, or for each motor."""
-    if cap_mode == "every_finger":
-        return f"limit {limit_n:g} N, {cap_mode}: it applies to each finger"
+    if limit_mode == "every_finger":
+        return f"limit {limit_n:g} N, {limit_mode}: it applies to each finger"
     both = f"the thumb bears the sum of B and C, about {2 * limit_n:g} N"
-    return f"limit {limit_n:g} N, {cap_mode}: {both}"
+    return f"limit {limit_n:g} N, {limit_mode}: {both}"
 
 
 class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -53,8 +53,8 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     force_limit_n: Annotated[
         float, Meta(gt=0.0, le=60.0, description="force limit of every closing (paper, V-B)")
     ] = 10.0
-    cap_mode: Annotated[
-        CapMode,
+    limit_mode: Annotated[
+        LimitMode,
         Meta(description="every_finger: the limit holds for each finger, the thumb closes alone; "
              "each_motor: for each motor, all close and the thumb bears the sum of B and C"),
     ] = "every_finger"  # fmt: skip
@@ -83,7 +83,7 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     def full_grip_n(self) -> Vector3:
         """Static force of fingers A, B and C, N, once the hand has closed to the limit."""
         # thumb = B + C: with `every_finger` the thumb bears the limit, B and C half of it each
-        share_n = self.force_limit_n * (0.5 if self.cap_mode == "every_finger" else 1.0)
+        share_n = self.force_limit_n * (0.5 if self.limit_mode == "every_finger" else 1.0)
         return 2 * share_n, share_n, share_n
 
 
@@ -193,7 +193,7 @@ class ForceGuard:
         grasp's force if it is larger.
         """
         s, per_count_n = self._settings, self._stiffness.newtons_per_count
-        if self._first_grasp is None or s.cap_mode == "each_motor":
+        if self._first_grasp is None or s.limit_mode == "each_motor":
             return None
         travel = []
         fingers = zip(*self._first_grasp, state.fingers, _balanced(estimated_n), strict=True)
@@ -225,7 +225,7 @@ class ForceGuard:
         sides of the object: the thumb bears B + C, so a single high reading is no force."""
         s = self._settings
         # with `each_motor` the thumb carries the sum of two motors
-        thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
+        thumb_limit_n = s.force_limit_n * (1 if s.limit_mode == "every_finger" else 2)
         thumb_n, b_n, c_n = estimated_n
         both_n, finger_n = min(thumb_n, b_n + c_n), min(thumb_n, max(b_n, c_n))
         margin_n = s.estimate_margin_n
@@ -251,11 +251,11 @@ class ForceGuard:
         if self.overloaded(estimated_n) or (self._travel_bound and self._first_grasp is None):
             return HoldFingers()
         limits = self._within_travel(command.limits_counts, state, estimated_n)
-        closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
+        closing = THUMB_ALONE if s.limit_mode == "every_finger" else command.closing
         # a finger that holds does not limit the speed
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseFast(
-            force_cap_n=self._limited_force(command.force_cap_n),
+            force_limit_n=self._limited_force(command.force_limit_n),
             closing=closing,
             limits_counts=limits,
             speed_mps=self._limited_speed(command.speed_mps, moved, state, estimated_n),

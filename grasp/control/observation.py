@@ -104,7 +104,7 @@ class Observation(StepInput, kw_only=True):
     def closing_exhausted(self) -> bool:
         """Whether no closing would have an effect: the hand is at the force limit, or the guard
         admits no closing because estimated force is above the limit."""
-        return self.at_cap or (self.overloaded and self.hand_rests)
+        return self.at_limit or (self.overloaded and self.hand_rests)
 
     @property
     def second_stage_due(self) -> bool:
@@ -117,7 +117,7 @@ class Observation(StepInput, kw_only=True):
         return self.last_close is not None and self.last_close.first_stage
 
     @property
-    def at_cap(self) -> bool:
+    def at_limit(self) -> bool:
         """Whether the hand is at the force limit, so that another closing would have no effect.
 
         Each finger that the last closing moved is then latched in contact or, unless it was a first

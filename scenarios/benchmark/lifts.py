@@ -195,7 +195,7 @@ def verdict(result: LiftResult, grip: Grip, fragile: bool, peak_n: float) -> str
         return RIGHT
     if outcome in (LiftOutcome.DROPPED, LiftOutcome.EXPELLED):
         return MISSED if result.slip_registered_s is None else LOST
-    if outcome in (LiftOutcome.CAP_REACHED, LiftOutcome.ALARM_STAYED):
+    if outcome in (LiftOutcome.LIMIT_REACHED, LiftOutcome.ALARM_STAYED):
         return STUCK
     return FAILED
 

@@ -49,7 +49,7 @@ def load_lift(object_name: str | None, *others: Any) -> RunConfig:
     """Settings of a single lift, as ``load_config``, whose first grasp is by touch where nothing
     else is set. Without ``object_name``: the can, on real devices any object."""
     config, replace = load_config(object_name or "can", *others), msgspec.structs.replace
-    weak = not config.controller.firm and config.guard.cap_mode == "every_finger"
+    weak = not config.controller.firm and config.guard.limit_mode == "every_finger"
     if config.controller.first_grasp is None and weak:
         config = replace(config, controller=replace(config.controller, first_grasp="touch"))
     by_touch = config.controller.first_grasp == "touch"

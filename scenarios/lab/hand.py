@@ -2,7 +2,7 @@
 
 The thumb opposes two fingers. So B and C close only with an open thumb, and stop at first contact,
 because they may push an object against it. The thumb closes last and alone with the least force
-(unless `guard.cap_mode` is each_motor, as in a run).
+(unless `guard.limit_mode` is each_motor, as in a run).
 
 A motion is a series of short steps, each sent shortly before the previous one ends. So a frozen
 link leaves at most one step, and the fingers do not stop between steps: a hand may ignore its
@@ -180,7 +180,7 @@ class Hand:
         self._guard = hand_guard(config) if fingertips is not None else None
         known = calibration(config)
         self._speed_mps, self._force_n = known.least_speed_mps, known.least_force_n
-        self._each_motor = config.guard.cap_mode == "each_motor"
+        self._each_motor = config.guard.limit_mode == "each_motor"
         self._lead = lead_counts(known.m_per_count)
         self._sent: list[Counts3] = []  # steps of the motion so far
 

@@ -96,7 +96,7 @@ def check_close(config: TrialConfig, reading: HandReading, targets: Counts3) -> 
     check_fault(state)
     check_not_scissor(reading.mode)
     with open_fingertips(config, WallClock(WallClock().now_ns), state.is_open) as fingertips:
-        if config.guard.cap_mode != "each_motor":
+        if config.guard.limit_mode != "each_motor":
             first = (state.positions[0], *targets[1:])  # the thumb closes last
             check_thumb(state, first, fingertips.rest is not None)
 

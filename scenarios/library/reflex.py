@@ -20,7 +20,7 @@ def make_reflex(config: TrialConfig) -> Reflex:
     """
     replace = msgspec.structs.replace
     unknown = replace(config.object, grip_counts=(0, 0, 0), contact_stiffness_npm=None)
-    by_default = "touch" if config.guard.cap_mode == "every_finger" else "counts"
+    by_default = "touch" if config.guard.limit_mode == "every_finger" else "counts"
     first = config.controller.first_grasp or by_default
     controller = replace(config.controller, first_grasp=first, firm=False)
     config = replace(config, object=unknown, controller=controller)

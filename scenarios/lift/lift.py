@@ -108,7 +108,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         open_loop_onset_s=None,
         peak_force_n=peak_n,
         force_bound_n=bound_n,
-        cap_reached=trial.controller.cap_reached,
+        limit_reached=trial.controller.limit_reached,
         alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
         by_touch=config.controller.first_grasp == "touch",

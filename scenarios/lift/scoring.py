@@ -33,7 +33,7 @@ class LiftOutcome(StrEnum):
     NEVER_SLIPPED = "never_slipped"
     UNDETECTED = "undetected"
     FALSE_START = "false_start"
-    CAP_REACHED = "cap_reached"
+    LIMIT_REACHED = "limit_reached"
     ALARM_STAYED = "alarm_stayed"
     OVER_FORCE = "over_force"
     FAULT = "fault"
@@ -72,7 +72,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     open_loop_onset_s: float | None
     peak_force_n: float | None
     force_bound_n: float
-    cap_reached: bool  # set down because slip was still registered at the force limit
+    limit_reached: bool  # set down because slip was still registered at the force limit
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
@@ -115,8 +115,8 @@ def _not_held(facts: LiftFacts) -> LiftOutcome | None:
     if end is None:
         if facts.contact_lost or (facts.mark is not None and not facts.mark.held):
             return LiftOutcome.DROPPED
-        if facts.cap_reached:
-            return LiftOutcome.CAP_REACHED
+        if facts.limit_reached:
+            return LiftOutcome.LIMIT_REACHED
         return LiftOutcome.DROPPED if facts.estimated_n < LEAST_GRIP_N else None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
@@ -124,9 +124,9 @@ def _not_held(facts: LiftFacts) -> LiftOutcome | None:
     if facts.lost_at_m >= LIFTED_M:  # held at the top, then lost while lowering
         return LiftOutcome.DROPPED
     if _at_rest_in_the_air(end):
-        alarm = facts.cap_reached or facts.alarm_stayed
+        alarm = facts.limit_reached or facts.alarm_stayed
         return LiftOutcome.ALARM_STAYED if alarm else None
-    return LiftOutcome.CAP_REACHED if facts.cap_reached else LiftOutcome.DROPPED
+    return LiftOutcome.LIMIT_REACHED if facts.limit_reached else LiftOutcome.DROPPED
 
 
 def _at_rest_in_the_air(end: Truth) -> bool:

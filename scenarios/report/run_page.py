@@ -237,7 +237,7 @@ HEADS = {
     "never_slipped": "The {it} did not slip, so there was no slip to respond to",
     "undetected": "The {it} slipped, but the slip was not registered",
     "false_start": "The hand responded to a slip of the {it} that did not happen",
-    "cap_reached": "The {it} slipped on when the hand could close no further, so it was set down",
+    "limit_reached": "The {it} slipped on when the hand could close no further, so it was set down",
     "alarm_stayed": "The {it} was held, but slip stayed registered after it had stopped",
     "over_force": "A force on the {it} exceeded the limit",
     "registered": "The tap moved the {it}, and its slip was registered in time",
@@ -283,7 +283,7 @@ def sentence(run: RunRecord) -> str:
         texts[-1] += f". In all it slipped {verdict.slip_distance_m * 1e3:.1f} mm"
     if peaks_n := verdict.peak_force_n or verdict.peak_estimated_n:
         known = "" if verdict.peak_force_n else " estimated"
-        each = "per finger" if verdict.cap_mode == "every_finger" else "per motor"
+        each = "per finger" if verdict.limit_mode == "every_finger" else "per motor"
         texts.append(
             f"Largest{known} force on a finger: {max(peaks_n.values()):.1f} N; commanded: "
             f"{verdict.commanded_force_n:.1f} N of {verdict.force_limit_n:g} N allowed {each}"

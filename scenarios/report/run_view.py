@@ -127,5 +127,5 @@ def facts(result: Any) -> list[str]:
         peaks = ", ".join(f"{name} {force:.1f}" for name, force in peaks_n.items())
         known = "true" if result.peak_force_n else "estimated by the fingertips"
         texts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
-    texts.append(limit_in_words(result.force_limit_n, result.cap_mode))
+    texts.append(limit_in_words(result.force_limit_n, result.limit_mode))
     return texts + (result.grip.lines if result.grip else [])

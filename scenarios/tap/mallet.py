@@ -2,7 +2,7 @@
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
 search bisects the impulse on the contact law alone, for the configured object in a firm grip
-(``guard.cap_mode``), until the permanent displacement is ``tap.aim_m``. Friction, mass, grip and
+(``guard.limit_mode``), until the permanent displacement is ``tap.aim_m``. Friction, mass, grip and
 strength of the tap vary between trials, so each trial measures its displacement.
 """
 

@@ -106,7 +106,7 @@ def stiffness(config: TrialConfig) -> Stiffness:
 def patience_s(config: TrialConfig) -> float:
     """Time for which slip may stay registered after the last closing, s: at least the detector's
     window, because an alarm can stem from its oldest sample."""
-    return max(config.controller.cap_patience_s, config.memory_s)
+    return max(config.controller.limit_patience_s, config.memory_s)
 
 
 def make_controller(
@@ -116,7 +116,7 @@ def make_controller(
 ) -> GraspController:
     """The controller; ``home`` is the arm's position from an earlier run, None: where it is now."""
     monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
-    settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
+    settings = msgspec.structs.replace(config.controller, limit_patience_s=patience_s(config))
     return kind(settings, grip_plan(config, home), monitor)
 
 
@@ -258,7 +258,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "peak_estimated_n": named(self.trace.peak_estimated_n),
             "commanded_force_n": self.trace.commanded_force_n,
             "force_limit_n": config.guard.force_limit_n,
-            "cap_mode": config.guard.cap_mode,
+            "limit_mode": config.guard.limit_mode,
             "paused_s": round(self.controller.response.paused_s, 3),
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),

@@ -15,7 +15,7 @@ from scenarios.trial.config import TrialConfig
 def bounded_by_travel(config: TrialConfig) -> bool:
     """Whether the guard bounds the travel of a closing by the stiffness that the object states. By
     touch, the stiffness measured in the grasp bounds it instead."""
-    weak = not config.controller.firm and config.guard.cap_mode == "every_finger"
+    weak = not config.controller.firm and config.guard.limit_mode == "every_finger"
     stated = config.object.contact_stiffness_npm is not None
     return stated and weak and config.controller.first_grasp != "touch"
 
@@ -44,7 +44,7 @@ def check_touch(config: TrialConfig) -> None:
     """Raises ConfigError for settings that a first grasp by touch does not follow."""
     other = {
         "firm": config.controller.firm and "controller.firm = false",
-        "cap_mode": config.guard.cap_mode != "every_finger" and "guard.cap_mode = every_finger",
+        "mode": config.guard.limit_mode != "every_finger" and "guard.limit_mode = every_finger",
     }
     if config.controller.first_grasp != "touch":
         return

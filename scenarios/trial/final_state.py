@@ -177,9 +177,9 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     """Whether the hand closed to the force limit, or to the last count that the guard allows."""
     fingers = zip(tick.gripper.fingers, close.closing, strict=True)
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
-        return f"closed to the limit of {close.force_cap_n:g} N"
+        return f"closed to the limit of {close.force_limit_n:g} N"
     if close.first_stage:
-        return f"closed by position, short of the limit of {close.force_cap_n:g} N"
+        return f"closed by position, short of the limit of {close.force_limit_n:g} N"
     return "closed to its last count, within the force limit"
 
 

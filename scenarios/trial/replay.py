@@ -125,7 +125,7 @@ class WriteCheck:
             forces = [self._calibration.byte_at_most(command.force_n)] * FINGERS
         elif isinstance(command, CloseFast):
             targets = closing_targets(command.closing, command.limits_counts, stay)
-            byte = self._calibration.byte_at_most(command.force_cap_n)
+            byte = self._calibration.byte_at_most(command.force_limit_n)
             forces = [byte if closes else 0 for closes in command.closing]
         return motion_registers(BASIC, targets, speed, forces).to_bytes()
 

@@ -16,7 +16,7 @@ from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import exception_text
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.control.fault import INTERNAL, TRIAL, Fault
-from grasp.control.guard import CapMode
+from grasp.control.guard import LimitMode
 from grasp.control.states import PhaseChange
 from grasp.run import signals
 from grasp.run.loop import Timing
@@ -140,7 +140,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     peak_estimated_n: dict[str, float]  # estimated from the fingertips
     commanded_force_n: float
     force_limit_n: float
-    cap_mode: CapMode  # whether the limit holds for every finger, or for each motor
+    limit_mode: LimitMode  # whether the limit holds for every finger, or for each motor
     paused_s: float  # total time that the arm stopped during the lift to respond to slip
     phases: list[PhaseEntry]
     timing: TimingResult

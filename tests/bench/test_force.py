@@ -30,7 +30,7 @@ CASES = [
         "no current clamp, stiffness stated",
         ("hand.current_clamp=false", "object.contact_stiffness_npm=2500"),
     ),
-    ("each_motor", ("guard.cap_mode=each_motor",)),
+    ("each_motor", ("guard.limit_mode=each_motor",)),
 ]
 OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")
 SEEDS = range(5)

@@ -77,7 +77,7 @@ class SlipResponse:
 
     def _close(self, obs: Observation, lost: bool = False) -> tuple[Command, ...]:
         """Close to the force limit, unless it is reached already."""
-        if obs.at_cap:
+        if obs.at_limit:
             return ()
         self.closings += 1
         return (self.closing(obs, lost),)
@@ -89,22 +89,22 @@ class SlipResponse:
         """
         s, targets = self._settings, obs.safe_travel_counts
         if s.closing == "constant" or lost or targets is None:
-            return self._to_cap(s.closing_speed_mps)
+            return self._to_limit(s.closing_speed_mps)
         if not self._first_stage_due(obs, targets[0]):
             self._first_stage_ns = None
             return self.slow_closing()
         if self._first_stage_ns is None:
             self._first_stage_ns = obs.t_ns
-        cap_n = self._plan.force_cap_n
-        return CloseFast(cap_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
+        limit_n = self._plan.force_limit_n
+        return CloseFast(limit_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
 
     def slow_closing(self) -> CloseFast:
         """A closing to the force limit without a first stage, at the second stage's speed."""
         s = self._settings
-        return self._to_cap(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
+        return self._to_limit(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
 
-    def _to_cap(self, speed_mps: float) -> CloseFast:
-        return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
+    def _to_limit(self, speed_mps: float) -> CloseFast:
+        return CloseFast(self._plan.force_limit_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
     def _first_stage_due(self, obs: Observation, target_counts: int) -> bool:
         """Whether a first stage is to start or to continue, judged by the thumb."""

@@ -85,5 +85,5 @@ class StopAndStep(StopAndClose):
         """Close the thumb by ``steps`` steps, as far as the guard allows."""
         a, b, c = obs.gripper.requested
         counts = min(steps * self._step_counts, self._remaining_counts(obs))
-        cap_n = self._plan.force_cap_n
-        return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, cap_n)
+        limit_n = self._plan.force_limit_n
+        return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, limit_n)

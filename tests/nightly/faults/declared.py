@@ -51,14 +51,14 @@ DECLARED = (
     Declared(
         "two wrong fingertips look like an overload, or hide slip; the outcome reports it",
         r"fingertips finger . (sticks high|close|drifts|frozen)", ANY,
-        frozenset({"missed", "dropped"}), r"^(dropped|cap_reached|undetected|alarm_stayed);",
+        frozenset({"missed", "dropped"}), r"^(dropped|limit_reached|undetected|alarm_stayed);",
         lasting=False,
     ),
     *([Declared(
         "by touch, two wrong signals look like a contact, or hide one, before the object rises",
         r"fingertips finger . (sticks high|close|drifts|frozen)", ANY,
         frozenset({"misleading", "missed", "hand"}),
-        r"feels nothing|nothing is between|not open|fingertip_dead|^(expelled|cap_reached);",
+        r"feels nothing|nothing is between|not open|fingertip_dead|^(expelled|limit_reached);",
         lasting=False,
     )] if FIRST_GRASP == "touch" else []),
     Declared(
@@ -77,12 +77,12 @@ DECLARED = (
     Declared(
         "without slip detection the grasp stays too weak; the outcome reports the failed lift",
         r"detector detects nothing", ANY, frozenset({"missed"}),
-        r"^(dropped|undetected|cap_reached);",
+        r"^(dropped|undetected|limit_reached);",
     ),
     Declared(
         "the hand closes to the limit and holds; the outcome reports the false alarm",
         r"detector detects slip", ANY, frozenset({"missed"}),
-        r"^(false_start|alarm_stayed|cap_reached);", lasting=False,
+        r"^(false_start|alarm_stayed|limit_reached);", lasting=False,
     ),
     Declared(
         "an arm that loses every stop cannot be stopped: the last line asks for the emergency stop",

@@ -56,7 +56,7 @@ def test_output_depends_on_the_memory_only() -> None:
 def test_patience_for_continued_slip_is_at_least_the_memory() -> None:
     for name in DETECTORS:
         for patience in [0.05, 2.0]:
-            words = (f"controller.cap_patience_s={patience}",)
+            words = (f"controller.limit_patience_s={patience}",)
             config = load_config("can", "simulated", name, None, words).for_lift()
             memory_s = 0.01 * config.make_detector(3).memory
             assert patience_s(config) == max(patience, memory_s), (name, patience)

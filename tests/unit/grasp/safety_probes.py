@@ -147,11 +147,11 @@ def listened_s(**settings: Any) -> tuple[float, float]:
 
 def patience_s(v: float) -> float:
     """Duration of slip with the hand at rest until the object is set down, s."""
-    d = Driver(cap_patience_s=v).slip()
+    d = Driver(limit_patience_s=v).slip()
     began_ns = d.t_ns
     while d.controller.state is State.COMPENSATE:
         d.climb(0.9)
-    assert d.controller.cap_reached
+    assert d.controller.limit_reached
     return (d.t_ns - began_ns) * 1e-9
 
 
@@ -233,5 +233,5 @@ def paused_for_nothing_s() -> float:
     while d.controller.state in (State.LIFT, State.COMPENSATE):
         paused += d.controller.state is State.COMPENSATE
         d.climb(0.9 if d.t_ns // TICK % 30 < 5 else 0.0)
-    assert d.controller.cap_reached
+    assert d.controller.limit_reached
     return paused * TICK * 1e-9

@@ -15,11 +15,11 @@ from grasp.control.slip_response.close import STAGE_NS, SlipResponse
 from tests.unit.grasp.builders import gripper, observation
 
 S = ControllerSettings(closing_speed_mps=0.1)
-CAP_N = 10.0
+LIMIT_N = 10.0
 REACH: Counts3 = (60, 61, 62)
-FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, first_stage=True)
-SLOWLY = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.022)
-AT_ONCE = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.1)
+FIRST = CloseFast(LIMIT_N, (True, True, True), REACH, 0.1, first_stage=True)
+SLOWLY = CloseFast(LIMIT_N, (True, True, True), (255, 255, 255), 0.022)
+AT_ONCE = CloseFast(LIMIT_N, (True, True, True), (255, 255, 255), 0.1)
 MOVING = (Detection.MOVING,) * 3
 
 
@@ -34,7 +34,7 @@ def hand(t_ns: int = 0, thumb: int = 55, first: bool = False, **changes: Any) ->
 
 def response(**settings: Any) -> SlipResponse:
     s = msgspec.structs.replace(S, **settings)
-    plan = GripPlan((40, 55, 55), (55, 55, 55), CAP_N, Stiffness(1.9))
+    plan = GripPlan((40, 55, 55), (55, 55, 55), LIMIT_N, Stiffness(1.9))
     return SlipResponse(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
 
 

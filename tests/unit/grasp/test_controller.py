@@ -120,7 +120,7 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     assert d.controller.slip_monitor.status.armed
 
 
-def test_firm_grip_closes_to_the_cap_and_settles_once_the_thumb_has_stopped() -> None:
+def test_firm_grip_closes_to_the_limit_and_settles_once_the_thumb_has_stopped() -> None:
     d = Driver(firm=True)
     d.until(State.CLOSE)
     d.until_next()

@@ -34,12 +34,12 @@ def test_fault_before_contact_stops_and_does_not_close(change: dict[str, object]
 
 
 @pytest.mark.parametrize("change", FAULTS, ids=lambda c: next(iter(c)))
-def test_fault_in_the_air_stops_the_arm_and_closes_to_the_cap(change: dict[str, object]) -> None:
+def test_fault_in_the_air_stops_the_arm_and_closes_to_the_limit(change: dict[str, object]) -> None:
     d = Driver().lift()
     d.step(**change)
     assert d.commands[0] == StopArm(1.0)
     assert isinstance(d.commands[1], CloseFast)
-    assert d.commands[1].force_cap_n == 10.0
+    assert d.commands[1].force_limit_n == 10.0
 
 
 def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:

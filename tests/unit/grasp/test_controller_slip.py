@@ -32,7 +32,7 @@ def staged() -> Driver:
     return d
 
 
-def test_closing_is_fast_within_safe_travel_and_then_slow_to_the_cap() -> None:
+def test_closing_is_fast_within_safe_travel_and_then_slow_to_the_limit() -> None:
     d = staged().slip()
     assert d.commands == [FIRST]
     for _ in range(5):
@@ -56,7 +56,7 @@ def test_both_stages_are_one_response_although_slip_ends_between_them() -> None:
     assert d.controller.state is State.LIFT
 
 
-def test_thumb_that_meets_the_cap_in_the_first_stage_needs_no_second() -> None:
+def test_thumb_that_meets_the_limit_in_the_first_stage_needs_no_second() -> None:
     d = staged().slip()
     for _ in range(30):
         d.climb(gripper=d.hand(positions=(57, 55, 55), detections=LATCHED))
@@ -105,14 +105,14 @@ def test_closing_is_masked_and_does_not_trigger_slip() -> None:
     assert len(d.controller.slip_monitor.events) == 1
 
 
-def test_slip_that_continues_at_the_cap_lowers_the_object() -> None:
+def test_slip_that_continues_at_the_limit_lowers_the_object() -> None:
     d = Driver().slip()
     d.commands.clear()
     since = d.t_ns
     for _ in range(60):
         if d.climb(0.9, gripper=d.hand(detections=LATCHED)).state is State.DESCEND:
             break
-    assert d.controller.cap_reached
+    assert d.controller.limit_reached
     assert 0.29e9 <= d.t_ns - since <= 0.35e9
     assert [type(c) for c in d.commands] == [MoveArm]
 
@@ -129,10 +129,10 @@ def test_hold_by_clock_sets_down_in_time_although_slip_stays_registered() -> Non
         assert d.commands == []  # nothing to close any further
     assert d.controller.state is State.DESCEND
     assert d.t_ns - since == pytest.approx(0.51e9, abs=0.02e9)
-    assert d.controller.alarm_stayed and not d.controller.cap_reached
+    assert d.controller.alarm_stayed and not d.controller.limit_reached
 
 
-def test_hold_by_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> None:
+def test_hold_by_clock_still_stops_the_arm_when_contact_is_lost_at_the_limit() -> None:
     d = Driver(hold_by_clock=True, hold_s=5.0).slip()
     while d.controller.state is State.COMPENSATE:
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
@@ -204,7 +204,7 @@ def test_closing_without_effect_is_not_sent() -> None:
     assert d.controller.response.closings == 1
 
 
-def test_repeated_alarms_at_the_cap_extend_the_hold_by_a_bounded_time() -> None:
+def test_repeated_alarms_at_the_limit_extend_the_hold_by_a_bounded_time() -> None:
     d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns

@@ -36,7 +36,7 @@ def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> Close
 def test_no_force_above_the_limit_is_admitted(requested_n: float) -> None:
     admitted = guard().admit(close(requested_n), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
-    assert admitted.force_cap_n == min(requested_n, 10.0)
+    assert admitted.force_limit_n == min(requested_n, 10.0)
     moved = guard().admit(MoveFingers((60, 60, 60), 0.05, requested_n), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers)
     assert moved.force_n == min(requested_n, 10.0)
@@ -69,7 +69,7 @@ def test_thumb_closes_alone_when_every_finger_must_keep_the_limit() -> None:
 
 
 def test_all_fingers_close_when_each_motor_keeps_the_limit_for_itself() -> None:
-    admitted = guard(cap_mode="each_motor").admit(close(), gripper(), NO_FORCE)
+    admitted = guard(limit_mode="each_motor").admit(close(), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     assert admitted.closing == ALL
 
@@ -155,7 +155,7 @@ def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
 def test_every_finger_has_its_own_limit_of_measured_force(
     mode: str, estimated_n: Vector3, stops: bool
 ) -> None:
-    admitted = guard(cap_mode=mode).admit(close(), gripper(), estimated_n)
+    admitted = guard(limit_mode=mode).admit(close(), gripper(), estimated_n)
     assert isinstance(admitted, HoldFingers) is stops
 
 
@@ -164,7 +164,7 @@ def test_every_finger_has_its_own_limit_of_measured_force(
 def test_single_fingertip_that_sticks_at_a_high_reading_does_not_prevent_closing(
     mode: str, estimated_n: Vector3
 ) -> None:
-    assert isinstance(guard(cap_mode=mode).admit(close(), gripper(), estimated_n), CloseFast)
+    assert isinstance(guard(limit_mode=mode).admit(close(), gripper(), estimated_n), CloseFast)
 
 
 def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
@@ -215,7 +215,7 @@ def test_before_the_first_grasp_only_free_motion_is_fast() -> None:
 
 
 def test_each_motor_mode_has_no_safe_travel() -> None:
-    assert after_first_grasp(cap_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
+    assert after_first_grasp(limit_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
 
 
 @given(
@@ -274,7 +274,7 @@ def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
 
 def test_guard_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(GuardSettings()) == {
-        "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
+        "force_limit_n": 10.0, "limit_mode": "every_finger", "overshoot_n": 1.0,
         "contact_stiffness_npm": 2500.0,
         "tip_mass_kg": 0.1, "counts_per_newton": 160.0,
         "estimate_margin_n": 5.0,
@@ -285,7 +285,7 @@ def test_guard_defaults_match_the_published_results() -> None:
     ("mode", "grip_n"), [("every_finger", (10.0, 5.0, 5.0)), ("each_motor", (20.0, 10.0, 10.0))]
 )
 def test_thumb_of_a_full_grip_carries_the_sum_of_both_others(mode: str, grip_n: object) -> None:
-    assert msgspec.structs.replace(GuardSettings(), cap_mode=mode).full_grip_n == grip_n
+    assert msgspec.structs.replace(GuardSettings(), limit_mode=mode).full_grip_n == grip_n
 
 
 def test_travel_bound_takes_no_reading_of_the_first_grasp_by_one_side_alone() -> None:

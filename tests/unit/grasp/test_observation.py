@@ -25,6 +25,6 @@ CAPS: list[tuple[str, dict[str, Any], bool]] = [
 ]
 
 
-def test_hand_is_at_the_cap_if_another_closing_has_no_effect() -> None:
-    for name, inputs, at_cap in CAPS:
-        assert observation(0, **inputs).at_cap is at_cap, name
+def test_hand_is_at_the_limit_if_another_closing_has_no_effect() -> None:
+    for name, inputs, at_limit in CAPS:
+        assert observation(0, **inputs).at_limit is at_limit, name

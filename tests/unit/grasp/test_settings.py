@@ -29,7 +29,7 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
         ("controller.force_limit_n=9", "controller.force_limit_n", "mean 'guard.force_limit_n'"),
         ("guard.force_limit_n=900", "guard.force_limit_n", "<= 60"),
         ("guard.force_limit_n=much", "guard.force_limit_n", "float"),
-        ("guard.cap_mode=none", "guard.cap_mode", "each_motor"),
+        ("guard.limit_mode=none", "guard.limit_mode", "each_motor"),
         ("gard.force_limit_n=9", "gard", "guard"),
         ("guard.counts_per_newton=[150,160]", "guard.counts_per_newton", "or three, of A, B and C"),
         ("guard.counts_per_newton=[150,0,170]", "guard.counts_per_newton[1]", ">= 1"),

@@ -235,7 +235,7 @@ def test_fallback_of_a_hand_that_may_hold_an_object_closes_as_the_guard_admits()
     step = guarded_step(Driver().lift())
     fallback = step.fallback(gripper())
     assert isinstance(fallback, CloseFast)
-    assert (fallback.force_cap_n, fallback.closing) == (10.0, (True, False, False))
+    assert (fallback.force_limit_n, fallback.closing) == (10.0, (True, False, False))
     assert step.last_close is None, "it has not been sent"
     step.decide(step_input(frame(-420)))  # 15.75 N measured
     assert step.fallback(gripper()) == HoldFingers()
@@ -318,7 +318,7 @@ def test_last_close_is_the_admitted_closing() -> None:
     assert step.decide(step_input(frame(-1))).observation.last_close is None
     closed = step.decide(step_input(frame(-1), 2 * TICK)).observation.last_close
     assert closed is not None
-    assert (closed.force_cap_n, closed.closing) == (10.0, (True, False, False))
+    assert (closed.force_limit_n, closed.closing) == (10.0, (True, False, False))
 
 
 def test_step_uses_the_given_checks() -> None:

@@ -66,7 +66,7 @@ def test_slip_at_the_top_stops_no_arm() -> None:
 
 
 @pytest.mark.parametrize("pattern", [(3, 3), (2, 40), (3, 9)])
-def test_recurring_slip_at_the_cap_ends_the_lift(
+def test_recurring_slip_at_the_limit_ends_the_lift(
     pattern: tuple[int, int],
 ) -> None:
     """An object too heavy to be held stands on the table again whenever the arm stops."""
@@ -76,7 +76,7 @@ def test_recurring_slip_at_the_cap_ends_the_lift(
     while d.controller.state in (State.LIFT, State.COMPENSATE) and d.t_ns < began_ns + 2e10:
         d.climb(0.9 if d.t_ns // TICK % (loud + silent) < loud else 0.0)
     assert d.controller.state is State.DESCEND
-    assert d.controller.cap_reached
+    assert d.controller.limit_reached
     assert d.t_ns - began_ns < 10e9
     assert d.controller.response.closings == 1
 

@@ -91,7 +91,7 @@ def test_slip_in_the_air_leads_to_the_closing() -> None:
     assert len(commands(top, CloseFast)) == 1
 
 
-def test_thumb_latched_at_the_cap_by_a_step_gets_no_further_command() -> None:
+def test_thumb_latched_at_the_limit_by_a_step_gets_no_further_command() -> None:
     d = over(stepping(margin_steps=0))
     d.commands.clear()
     for _ in range(2):

@@ -29,7 +29,7 @@ HELD = Truth(
 FACTS = LiftFacts(
     end=HELD, estimated_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
     open_loop_onset_s=1.0, peak_force_n=10.0, force_bound_n=11.0,
-    cap_reached=False, alarm_stayed=False, fault="",
+    limit_reached=False, alarm_stayed=False, fault="",
 )  # fmt: skip
 
 

@@ -236,7 +236,7 @@ def apply_verb(driver: RobotiqDriver, verb: tuple) -> float:
 
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.tuples(VERBS, st.integers(0, 12)), max_size=15))
-def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
+def test_no_sequence_of_verbs_ever_writes_a_force_above_the_limit(script) -> None:
     paper = PAPER
     hand = GripperModel(QUICK, 0, active=True)
     transport = ModelTransport(hand)

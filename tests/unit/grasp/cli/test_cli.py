@@ -180,7 +180,7 @@ def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verd
     assert code == 0
     assert {
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_registered_s",
-        "detection_latency_ms", "peak_force_n", "peak_estimated_n", "force_limit_n", "cap_mode",
+        "detection_latency_ms", "peak_force_n", "peak_estimated_n", "force_limit_n", "limit_mode",
         "phases", "timing", "recording", "versions", "config_hash", "detector_hash", "end", "bug",
     } <= set(result)  # fmt: skip
     assert result["engine"] == "compiled"
@@ -209,7 +209,7 @@ def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verd
 def test_failed_trial_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("run", "lift", "--runs", str(tmp_path), "--set", "object.mass_kg=2.5")
     code, out, _ = call(*words, capsys=capsys)
-    assert code == 1 and "FAILED: cap reached" in out
+    assert code == 1 and "FAILED: limit reached" in out
 
 
 def test_settings_are_printed_with_their_allowed_values(capsys: pytest.CaptureFixture[str]) -> None:

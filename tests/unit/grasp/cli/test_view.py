@@ -58,7 +58,7 @@ def test_bars_fit_into_any_width(width: int) -> None:
 def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
     forces: dict[str, object], mode: str, lines: list[str]
 ) -> None:
-    assert facts(verdict(cap_mode=mode, **forces))[-2:] == lines
+    assert facts(verdict(limit_mode=mode, **forces))[-2:] == lines
 
 
 def verdict(**changes: object) -> SimpleNamespace:
@@ -66,7 +66,7 @@ def verdict(**changes: object) -> SimpleNamespace:
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_estimated_n": None, "commanded_force_n": 10.0,
-        "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None, "grip": None,
+        "force_limit_n": 10.0, "limit_mode": "every_finger", "recording": None, "grip": None,
         "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip
     return SimpleNamespace(**(values | changes))

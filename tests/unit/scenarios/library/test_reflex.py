@@ -88,7 +88,7 @@ def test_no_command_of_a_random_policy_passes_the_limit() -> None:
             _, _, _, _, info = env.step(action)
             hand = info["admitted"].hand
             if isinstance(hand, MoveFingers | CloseFast):
-                limit_n = hand.force_n if isinstance(hand, MoveFingers) else hand.force_cap_n
+                limit_n = hand.force_n if isinstance(hand, MoveFingers) else hand.force_limit_n
                 assert limit_n <= 10.0 and info["commanded_force_n"] <= 10.0
         peaks.append(info["peak_force_n"])
     assert max(peaks) < 11.0
@@ -114,7 +114,7 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     up = PolicyCommand(hand=OPEN, arm_velocity_mps=UP)
     fault = reflex.step(*states, up, t_ns=late_ns)
     assert fault.state is State.FAULT and "gripper status too old" in fault.faults[0].line
-    assert isinstance(fault.hand, CloseFast) and fault.hand.force_cap_n == 10.0
+    assert isinstance(fault.hand, CloseFast) and fault.hand.force_limit_n == 10.0
     again = reflex.step(*states, up, t_ns=late_ns)
     assert again.faults == fault.faults and again.arm_velocity_mps == AT_REST
     assert again.hand is None
@@ -196,7 +196,7 @@ def test_force_and_speed_of_a_policy_are_limited_in_free_air() -> None:
 def test_a_force_limit_that_the_hand_cannot_keep_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"settings: guard\.force_limit_n"):
         grasp.reflex(force_limit_n=1000.0)
-    for by_force in ({"guard.cap_mode": "each_motor"}, {"controller.first_grasp": "counts"}):
+    for by_force in ({"guard.limit_mode": "each_motor"}, {"controller.first_grasp": "counts"}):
         with pytest.raises(ConfigError, match="cannot close with less than 10 N"):
             grasp.reflex(force_limit_n=5.0, settings={**by_force, "controller.grip_force_n": 10.0})
 

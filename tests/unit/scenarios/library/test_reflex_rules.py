@@ -115,7 +115,7 @@ def test_a_closing_of_the_policy_is_no_slip(held: Scene) -> None:
 def test_slip_closes_the_hand_to_the_limit_and_stops_the_arm(held: Scene) -> None:
     admitted = held.step(move(0, 0, 0), arm=ASIDE, slip=1.0, steps=2)
     assert admitted.state is State.COMPENSATE and admitted.arm_velocity_mps == AT_REST
-    assert isinstance(admitted.hand, CloseFast) and admitted.hand.force_cap_n == 10.0
+    assert isinstance(admitted.hand, CloseFast) and admitted.hand.force_limit_n == 10.0
     assert held.step(arm=DOWN).arm_velocity_mps == DOWN
 
 
@@ -213,7 +213,7 @@ def test_the_first_closing_of_a_hand_stronger_than_the_limit_is_one_count_by_a_g
     strong.step(steps=HOLDS)
     first = strong.step(slip=1.0, steps=2).hand
     assert isinstance(first, CloseFast) and first.limits_counts[0] == 56
-    assert first.force_cap_n == 10.0  # the least of this hand
+    assert first.force_limit_n == 10.0  # the least of this hand
 
 
 def test_opening_is_refused_only_where_an_object_is_held(empty: Scene) -> None:

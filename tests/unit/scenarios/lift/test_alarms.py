@@ -150,5 +150,5 @@ def test_hold_by_clock_ends_in_time_with_a_permanent_alarm_and_delayed_commands(
 
 def test_permanent_alarm_sets_the_object_down_without_dropping_it() -> None:
     controller, _, held = run([(1, ALARM)])
-    assert controller.cap_reached
+    assert controller.limit_reached
     assert held

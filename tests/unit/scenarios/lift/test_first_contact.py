@@ -90,7 +90,7 @@ def test_hand_does_not_close_further_for_a_dead_fingertip(mode: str, end: str) -
 
 def test_thumb_bears_the_force_of_two_motors_in_mode_each_motor() -> None:
     """Its overshoot is that of two motors too."""
-    each = ('guard.cap_mode="each_motor"', "hand.debounce_s=0.001")
+    each = ('guard.limit_mode="each_motor"', "hand.debounce_s=0.001")
     result = lifted("cardboard", -0.24e-3, *each, seed=24)
     assert result.peak_force_n is not None
     thumb_n, *others_n = result.peak_force_n.values()

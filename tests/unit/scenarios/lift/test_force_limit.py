@@ -93,7 +93,7 @@ class FixedDetector:
 
 def greedy(config: TrialConfig, commanded_n: float) -> GraspController:
     """A controller that commands this force regardless of the limit."""
-    plan = msgspec.structs.replace(grip_plan(config), force_cap_n=commanded_n)
+    plan = msgspec.structs.replace(grip_plan(config), force_limit_n=commanded_n)
     monitor = SlipMonitor(DecisionRule(config.rule, 3), config.slip)
     return GraspController(config.controller, plan, monitor)
 
@@ -101,7 +101,7 @@ def greedy(config: TrialConfig, commanded_n: float) -> GraspController:
 def stressed(commanded_n: float, mode: str, bound: bool) -> TrialConfig:
     first_grasp, mode = ("touch", "every_finger") if mode == "touch" else ("counts", mode)
     stated = ["object.contact_stiffness_npm=2500"] if bound else []
-    base = changed(by_default("hand.activation_s=0.5", *stated), "guard", cap_mode=mode)
+    base = changed(by_default("hand.activation_s=0.5", *stated), "guard", limit_mode=mode)
     return changed(base, "controller", grip_force_n=commanded_n, first_grasp=first_grasp)
 
 

@@ -72,9 +72,9 @@ def test_detector_with_an_immediate_alarm_is_a_false_start() -> None:
     assert r.slip_registered_s is not None
 
 
-def test_object_too_heavy_for_the_limit_is_lowered_with_outcome_cap_reached() -> None:
+def test_object_too_heavy_for_the_limit_is_lowered_with_outcome_limit_reached() -> None:
     r = judged("object.mass_kg=2.5")
-    assert r.outcome == "cap_reached"
+    assert r.outcome == "limit_reached"
     assert "lower.descend" in [p.phase for p in r.phases]
     assert r.peak_force_n is not None
     assert max(r.peak_force_n.values()) < 11.0

@@ -35,7 +35,7 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
     known = {
         "end": None, "estimated_n": 5.0, "had_compensated": True, "registered_s": registered_s,
         "onset_s": None, "open_loop_onset_s": None, "peak_force_n": 9.0, "force_bound_n": 11.0,
-        "cap_reached": False, "alarm_stayed": False, "fault": "",
+        "limit_reached": False, "alarm_stayed": False, "fault": "",
     }  # fmt: skip
     return LiftFacts(**(known | others), mark=mark)
 
@@ -53,8 +53,8 @@ def test_operator_s_reading_decides_without_a_simulation() -> None:
         (facts(TapeMark(0.061, True)), LiftOutcome.HELD_WITHIN_12CM),
         (facts(TapeMark(0.121, True)), LiftOutcome.BEYOND_12CM),
         (facts(TapeMark(0.0, False)), LiftOutcome.DROPPED),
-        (facts(TapeMark(0.0, False), cap_reached=True), LiftOutcome.DROPPED),
-        (facts(TapeMark(0.01, True), cap_reached=True), LiftOutcome.CAP_REACHED),
+        (facts(TapeMark(0.0, False), limit_reached=True), LiftOutcome.DROPPED),
+        (facts(TapeMark(0.01, True), limit_reached=True), LiftOutcome.LIMIT_REACHED),
         (facts(TapeMark(0.01, True), fault="x"), LiftOutcome.FAULT),
         (facts(TapeMark(0.01, True), fault="x", peak_force_n=11.1), LiftOutcome.OVER_FORCE),
         (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),

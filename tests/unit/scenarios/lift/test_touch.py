@@ -103,7 +103,7 @@ def test_lift_on_real_devices_needs_no_object_and_is_by_touch_unless_the_grip_is
     assert load_lift("can", "hardware").object.name == "can"
     assert load_lift(None, "simulated").object.name == "can"
     assert unnamed.controller.first_grasp == "touch"
-    for strong in ("controller.firm=true", "guard.cap_mode=each_motor"):
+    for strong in ("controller.firm=true", "guard.limit_mode=each_motor"):
         assert load_lift("can", "simulated", None, None, [strong]).controller.first_grasp is None
 
 
@@ -113,7 +113,7 @@ def test_fingertips_or_a_hand_that_contradict_their_calibration_are_named() -> N
     wrong = msgspec.structs.replace(grip, held_sides_n=(4.3, 2.0))
     assert wrong.lines[1:] == ["A reads 4.3 N, B + C 2.0 N: calibrate each finger"]
     weak = lifted("can", "hand.least_force_n=2.5", seed=1)
-    assert weak.outcome == "cap_reached" and weak.grip is not None
+    assert weak.outcome == "limit_reached" and weak.grip is not None
     assert "by its calibration 10 N: calibrate hand and fingers" in weak.grip.lines[-1]
 
 

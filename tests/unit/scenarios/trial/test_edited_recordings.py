@@ -70,7 +70,7 @@ def command_added(messages: Messages) -> None:
 def command_weaker(messages: Messages) -> None:
     at = closing(messages)
     asked, admitted = messages[at][2].requested, messages[at][2].admitted
-    weak = {"force_cap_n": 5.0}
+    weak = {"force_limit_n": 5.0}
     changed(messages, at, requested=replace(asked, **weak), admitted=replace(admitted, **weak))
 
 
