@@ -170,7 +170,7 @@ class Gripper(Protocol):
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied: ...
 
-    def close_fast(
+    def close_to_limit(
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],

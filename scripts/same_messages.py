@@ -33,6 +33,7 @@ RENAMED = {
     r'"asked":(?=\{"type")': '"requested":',
     r'"measured_n":': '"estimated_n":',
     r'"force_cap_n":': '"force_limit_n":',
+    r'"CloseFast"': '"CloseToLimit"',
     r'"more":(true|false)': r'"first_stage":\1',
     r'("sampled_ns":(?:\d+|null))\}': r'\1,"joints_rad":null}',  # as on the rig `simulated`
     # causes of transitions

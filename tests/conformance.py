@@ -153,7 +153,7 @@ class GripperConformance:
         with pytest.raises(Refused):
             gripper.move_to(self.free_counts, self.speed_mps, 0.9 * least_n)
         with pytest.raises(Refused):
-            gripper.close_fast(
+            gripper.close_to_limit(
                 0.9 * least_n, (True, False, False), self.further_counts, self.speed_mps
             )
 
@@ -164,7 +164,9 @@ class GripperConformance:
         gripper.move_to(self.free_counts, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         before = self.state(gripper).positions
-        gripper.close_fast(self.force_n, (True, False, False), self.further_counts, self.speed_mps)
+        gripper.close_to_limit(
+            self.force_n, (True, False, False), self.further_counts, self.speed_mps
+        )
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         self.at_rest_at(gripper, (self.further_counts[0], before[1], before[2]))
         assert self.state(gripper).positions[0] <= self.further_counts[0]

@@ -92,7 +92,7 @@ class RobotiqDriver(HandTracker):
         byte = self._calibration.byte_at_most(force_n)
         return self._move(checked_counts(targets_counts), speed_mps, (byte, byte, byte))
 
-    def close_fast(
+    def close_to_limit(
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],

@@ -208,7 +208,7 @@ class ThreadedGripper:
             lambda: self._core.move_to(targets_counts, speed_mps, force_n), request
         )
 
-    def close_fast(
+    def close_to_limit(
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],
@@ -217,9 +217,8 @@ class ThreadedGripper:
     ) -> Applied:
         targets = closing_targets(closing, limits_counts, self._positions)
         request = Applied(targets, speed_mps, force_limit_n, note=_DEFERRED_NOTE)
-        return self._command(
-            lambda: self._core.close_fast(force_limit_n, closing, limits_counts, speed_mps), request
-        )
+        limits = force_limit_n, closing, limits_counts, speed_mps
+        return self._command(lambda: self._core.close_to_limit(*limits), request)
 
     def hold(self) -> Applied:
         request = Applied(self._positions, 0.0, self.least_force_n, note=_DEFERRED_NOTE)

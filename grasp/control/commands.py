@@ -13,7 +13,7 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
     force_n: float
 
 
-class CloseFast(msgspec.Struct, frozen=True, tag=True):
+class CloseToLimit(msgspec.Struct, frozen=True, tag=True):
     """The marked fingers close until ``force_limit_n`` or their count limit; the others hold.
     ``first_stage``: it ends below the force limit; a second stage follows when the hand rests."""
 
@@ -52,7 +52,7 @@ class StopArm(msgspec.Struct, frozen=True, tag=True):
     deceleration_mps2: float
 
 
-GripperCommand = MoveFingers | CloseFast | OpenFingers | HoldFingers
+GripperCommand = MoveFingers | CloseToLimit | OpenFingers | HoldFingers
 Command = GripperCommand | BeginRest | MoveArm | StopArm
 
 
@@ -61,7 +61,7 @@ def describe(command: Command) -> str:
     match command:
         case MoveFingers(targets, speed, force):
             return f"fingers to {targets} counts at {speed * 1e3:.0f} mm/s, at most {force:g} N"
-        case CloseFast(cap, closing, limits, speed, first_stage):
+        case CloseToLimit(cap, closing, limits, speed, first_stage):
             fingers = "".join(n for n, c in zip(FINGER_NAMES, closing, strict=True) if c)
             to = f" to {limits} counts" if first_stage else ""
             return f"close {fingers}{to} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"

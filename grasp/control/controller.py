@@ -158,7 +158,7 @@ class GraspController:
         """Commands if no further step is possible: of the safe state entered, else of a fault."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
-            hand = self._abort_state.hand_commands(self.response.slow_closing())
+            hand = self._abort_state.hand_commands(self.response.closing_at_least_speed())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def unconfirmed_parts(self, obs: Observation) -> Unconfirmed:
@@ -244,7 +244,7 @@ class GraspController:
         cause = "fingers rest at their positions"
         if self._settings.firm and not self._firm:
             self._firm = True
-            self._transition(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
+            self._transition(Trigger.TIGHTEN, obs, cause, self.response.closing_at_least_speed())
         else:
             cause = "the thumb stopped at the force limit" if self._firm else cause
             self._transition(Trigger.GRIPPED, obs, cause)

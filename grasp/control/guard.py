@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
-from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
+from grasp.control.commands import CloseToLimit, GripperCommand, HoldFingers, MoveFingers
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.grip_measure import GripMeasure
 from grasp.control.observation import Observation
@@ -216,7 +216,7 @@ class ForceGuard:
         """The command to send to the gripper in place of ``command``; the same if it is allowed."""
         if isinstance(command, MoveFingers):
             return self._admit_move(command, state, estimated_n)
-        if isinstance(command, CloseFast):
+        if isinstance(command, CloseToLimit):
             return self._admit_close(command, state, estimated_n)
         return command
 
@@ -245,7 +245,7 @@ class ForceGuard:
         )
 
     def _admit_close(
-        self, command: CloseFast, state: GripperState, estimated_n: Vector3
+        self, command: CloseToLimit, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
         s = self._settings
         if self.overloaded(estimated_n) or (self._travel_bound and self._first_grasp is None):
@@ -254,7 +254,7 @@ class ForceGuard:
         closing = THUMB_ALONE if s.limit_mode == "every_finger" else command.closing
         # a finger that holds does not limit the speed
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
-        return CloseFast(
+        return CloseToLimit(
             force_limit_n=self._limited_force(command.force_limit_n),
             closing=closing,
             limits_counts=limits,

@@ -16,7 +16,7 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.control.fault import ARM, GRIPPER, Fault, stale
 from grasp.control.grip_measure import Reading
 
@@ -72,7 +72,7 @@ class Observation(StepInput, kw_only=True):
     estimated_n: Vector3 = (0.0, 0.0, 0.0)
     responsive_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
-    last_close: CloseFast | None = None
+    last_close: CloseToLimit | None = None
     safe_travel_counts: Counts3 | None = None
     thumb_limit_counts: int | None = None
     reading: Reading | None = None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from grasp.control.commands import CloseFast, Command, HoldFingers, StopArm
+from grasp.control.commands import CloseToLimit, Command, HoldFingers, StopArm
 from grasp.control.controller_settings import ControllerSettings
 from grasp.control.fault import ARM, IMPLAUSIBLE, Fault
 from grasp.control.monitors.checks import implausible
@@ -66,7 +66,7 @@ class SafeState(msgspec.Struct, frozen=True):
         kept = self.before in CONTACT_STATES - CLOSING_STATES and not self.half_closed
         return self.phase is State.STOPPED and kept
 
-    def hand_commands(self, closure: CloseFast) -> tuple[Command, ...]:
+    def hand_commands(self, closure: CloseToLimit) -> tuple[Command, ...]:
         """Commands to the hand. ``closure``: the closing to the limit, used where one is due."""
         if self.leaves_hand:
             return ()

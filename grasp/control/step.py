@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from detector.interface import Motion, SlipDetector
 from drivers.errors import GraspError, counted, describe_exception, one_line
 from drivers.interfaces import GripperState, TactileFrame, Vector3
-from grasp.control.commands import CloseFast, Command, GripperCommand
+from grasp.control.commands import CloseToLimit, Command, GripperCommand
 from grasp.control.controller import Decision, GraspController
 from grasp.control.fault import Fault
 from grasp.control.guard import ForceGuard
@@ -56,7 +56,7 @@ class GraspStep:
         self._monitors = monitors or Monitors(MonitorSettings())
         self._estimated_n: Vector3 = (0.0, 0.0, 0.0)
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
-        self.last_close: CloseFast | None = None  # the closing that was admitted last
+        self.last_close: CloseToLimit | None = None  # the closing that was admitted last
         self._tared = False  # counts are relative to rest counts that this run has taken
         self.hidden = Counter[str]()  # exceptions that were ignored, with their number
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
@@ -83,7 +83,7 @@ class GraspStep:
         if not isinstance(command, GripperCommand):
             return command
         admitted = self._guard.admit(command, gripper, self._estimated_n)
-        if isinstance(admitted, CloseFast):
+        if isinstance(admitted, CloseToLimit):
             self.last_close = admitted
         return admitted
 

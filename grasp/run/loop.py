@@ -22,7 +22,7 @@ from drivers.interfaces import (
     Vector3,
 )
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     Command,
     GripperCommand,
     HoldFingers,
@@ -218,7 +218,7 @@ class ControlLoop:
         controller = self._step.controller
         if not controller.finished and not controller.in_safe_state:
             responding = controller.state is State.COMPENSATE
-            kept = (w for w in self._queue if responding and isinstance(w.admitted, CloseFast))
+            kept = (w for w in self._queue if responding and isinstance(w.admitted, CloseToLimit))
             self._queue = deque(kept)
         self._stop = why
         self._reach_safe_state()
@@ -442,8 +442,8 @@ def to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
     """Send a command to the gripper; returns what it applied. Raises Refused."""
     if isinstance(command, MoveFingers):
         return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
-    if isinstance(command, CloseFast):
-        return gripper.close_fast(
+    if isinstance(command, CloseToLimit):
+        return gripper.close_to_limit(
             command.force_limit_n, command.closing, command.limits_counts, command.speed_mps
         )
     if isinstance(command, OpenFingers):

@@ -41,7 +41,7 @@ from scenarios.world.truth import Truth
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Verdict = LiftResult | TapResult
-GRIPPER_COMMANDS = ("MoveFingers", "CloseFast", "OpenFingers", "HoldFingers")
+GRIPPER_COMMANDS = ("MoveFingers", "CloseToLimit", "OpenFingers", "HoldFingers")
 
 
 class Sent(msgspec.Struct, frozen=True):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import msgspec
 
 from drivers.interfaces import FINGER_NAMES, ArmState, Detection, GripperState
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.control.fault import ARM, FINGERTIPS, GRIPPER, Fault
 from grasp.control.monitors.checks import implausible
 from grasp.run.loop import Issued, Tick
@@ -164,7 +164,7 @@ def _closure(tick: Tick, command: Issued | None, force: str) -> str:
         contact = "; its contact is unknown" if force == UNKNOWN else ", without contact"
         return f"partly closed, at {tick.gripper.positions} counts{contact}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status follows the last command
-    if not obeys or command is None or not isinstance(command.admitted, CloseFast):
+    if not obeys or command is None or not isinstance(command.admitted, CloseToLimit):
         return f"closed with its previous grip, at {tick.gripper.positions} counts, {force}"
     # or the fingertips still measure their rest counts
     if force != UNKNOWN and sum(tick.observation.responsive_n) < CONTACT_N:
@@ -173,7 +173,7 @@ def _closure(tick: Tick, command: Issued | None, force: str) -> str:
     return f"{_closed(tick, command.admitted)}, {force}"
 
 
-def _closed(tick: Tick, close: CloseFast) -> str:
+def _closed(tick: Tick, close: CloseToLimit) -> str:
     """Whether the hand closed to the force limit, or to the last count that the guard allows."""
     fingers = zip(tick.gripper.fingers, close.closing, strict=True)
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):

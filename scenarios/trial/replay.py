@@ -16,7 +16,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.hand_state import POSITION_ERROR_COUNTS, closing_targets, motion_registers
 from drivers.robotiq.protocol import BASIC, BYTES, FULL_BYTE
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     Command,
     GripperCommand,
     HoldFingers,
@@ -111,7 +111,7 @@ class WriteCheck:
             low, high = self._image(command, least, 0), self._image(command, most, 0)
             return bytes((low[0] & ~8, *low[1:])), high  # it may stop by clearing rGTO instead
         slowest = speed = self._calibration.speed_byte_at_most(command.speed_mps)
-        if isinstance(command, CloseFast):  # implausible status: the driver keeps it or lowers it
+        if isinstance(command, CloseToLimit):  # after an implausible status it may be lower
             slowest = min(speed, written[_SPEED])
         return self._image(command, least, slowest), self._image(command, most, speed)
 
@@ -123,7 +123,7 @@ class WriteCheck:
         elif isinstance(command, MoveFingers):
             targets = command.targets_counts
             forces = [self._calibration.byte_at_most(command.force_n)] * FINGERS
-        elif isinstance(command, CloseFast):
+        elif isinstance(command, CloseToLimit):
             targets = closing_targets(command.closing, command.limits_counts, stay)
             byte = self._calibration.byte_at_most(command.force_limit_n)
             forces = [byte if closes else 0 for closes in command.closing]

@@ -29,7 +29,7 @@ from drivers.interfaces import (
 )
 from grasp.control.commands import (
     BeginRest,
-    CloseFast,
+    CloseToLimit,
     Command,
     MoveArm,
     MoveFingers,
@@ -130,7 +130,7 @@ class _Lift:
         elif isinstance(command, MoveArm):
             self.lifting = True
             self._arm_m = command.position_m if self._arm_arrives else self._arm_m
-        elif isinstance(command, CloseFast) and not self._latched:
+        elif isinstance(command, CloseToLimit) and not self._latched:
             self._latched = not command.first_stage
             self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
             if command.first_stage:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Counts3, Detection, GripperState
-from grasp.control.commands import CloseFast, GripperCommand, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, GripperCommand, MoveFingers, OpenFingers
 from grasp.control.monitors.settings import FLIPS, Failures, Fields, MonitorSettings, too_often
 
 OUTDATED_READS = 5  # status reads before a command counts as ignored: it may be on its way for two
@@ -98,7 +98,7 @@ class GripperHistory:
                 expected = targets
             case OpenFingers():
                 expected = (0, 0, 0)
-            case CloseFast(closing=closing, limits_counts=limits):
+            case CloseToLimit(closing=closing, limits_counts=limits):
                 closes = zip(closing, limits, echo, strict=True)
                 expected = [max(to, at) if moves else at for moves, to, at in closes]
         wrong = [

@@ -9,7 +9,7 @@ second stage. One stage closes to the limit if no safe travel is known, if conta
 """
 
 from drivers.interfaces import Counts3, Detection
-from grasp.control.commands import CloseFast, Command, StopArm
+from grasp.control.commands import CloseToLimit, Command, StopArm
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.lift_line import LiftLine
 from grasp.control.observation import Observation
@@ -82,7 +82,7 @@ class SlipResponse:
         self.closings += 1
         return (self.closing(obs, lost),)
 
-    def closing(self, obs: Observation, lost: bool = False) -> CloseFast:
+    def closing(self, obs: Observation, lost: bool = False) -> CloseToLimit:
         """The closing to command now; while a first stage runs, the same one again.
 
         ``lost``: contact is lost, so the position of the next contact is unknown.
@@ -92,19 +92,19 @@ class SlipResponse:
             return self._to_limit(s.closing_speed_mps)
         if not self._first_stage_due(obs, targets[0]):
             self._first_stage_ns = None
-            return self.slow_closing()
+            return self.closing_at_least_speed()
         if self._first_stage_ns is None:
             self._first_stage_ns = obs.t_ns
         limit_n = self._plan.force_limit_n
-        return CloseFast(limit_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
+        return CloseToLimit(limit_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
 
-    def slow_closing(self) -> CloseFast:
+    def closing_at_least_speed(self) -> CloseToLimit:
         """A closing to the force limit without a first stage, at the second stage's speed."""
         s = self._settings
         return self._to_limit(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
 
-    def _to_limit(self, speed_mps: float) -> CloseFast:
-        return CloseFast(self._plan.force_limit_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
+    def _to_limit(self, speed_mps: float) -> CloseToLimit:
+        return CloseToLimit(self._plan.force_limit_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
     def _first_stage_due(self, obs: Observation, target_counts: int) -> bool:
         """Whether a first stage is to start or to continue, judged by the thumb."""

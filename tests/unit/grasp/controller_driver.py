@@ -5,7 +5,7 @@ import msgspec
 from detector.decision import DecisionRule, RuleSettings
 from drivers.interfaces import Counts3, Detection, GripperState, Vector3
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     MoveArm,
     MoveFingers,
     OpenFingers,
@@ -46,7 +46,7 @@ class Driver:
         self.height_m = 0.0
         self.closed = False
         self.stopped = False  # the last command to the arm was a stop
-        self.last_close: CloseFast | None = None
+        self.last_close: CloseToLimit | None = None
         self.reach: Counts3 | None = None
         self.end: int | None = None  # of the thumb
         self.requested: Counts3 = (0, 0, 0)
@@ -63,13 +63,13 @@ class Driver:
     def obey(self, command: object) -> None:
         if isinstance(command, MoveFingers):
             self.requested, self.closed = command.targets_counts, False
-        elif isinstance(command, CloseFast) and command.first_stage:
+        elif isinstance(command, CloseToLimit) and command.first_stage:
             _, b, c = self.requested
             self.requested = (command.limits_counts[0], b, c)
             self.last_close = msgspec.structs.replace(command, closing=(True, False, False))
-        elif isinstance(command, CloseFast):
+        elif isinstance(command, CloseToLimit):
             self.closed = True
-            self.last_close = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
+            self.last_close = CloseToLimit(10.0, (True, False, False), (255, 255, 255), 0.06)
         elif isinstance(command, OpenFingers):
             self.requested, self.closed = (6, 6, 6), False
         elif isinstance(command, MoveArm | StopArm):

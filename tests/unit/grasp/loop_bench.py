@@ -50,8 +50,8 @@ class Bench:
         self.frame: Any = frame()
         hand = SimpleNamespace(
             state=self.gripper_state, acknowledged=True, poll=self._of("gripper poll"),
-            move_to=self._of("move_to"), close_fast=self._of("close_fast"), open=self._of("open"),
-            hold=self._of("hold"),
+            move_to=self._of("move_to"), close_to_limit=self._of("close_to_limit"),
+            open=self._of("open"), hold=self._of("hold"),
         )  # fmt: skip
         if own_thread:
             hand.set_fallback = lambda command, words: self.fallbacks.append((command, words))

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from grasp.control.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.control.commands import CloseToLimit, MoveArm, MoveFingers, StopArm
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.guard import ForceGuard, GuardSettings
 from grasp.control.set_down import SLIP_MARGIN_M
@@ -21,11 +21,11 @@ def guard(**settings: Any) -> ForceGuard:
     return ForceGuard(GuardSettings(**settings), least_force_n=1.0, stiffness=Stiffness(2.5))
 
 
-def admitted(estimated_n: float = 0.0, **settings: Any) -> CloseFast | None:
+def admitted(estimated_n: float = 0.0, **settings: Any) -> CloseToLimit | None:
     """The admitted form of a closing with maximal values; None if the fingers hold."""
-    close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
+    close = CloseToLimit(60.0, (True,) * 3, (255,) * 3, 100.0)
     admitted_command = guard(**settings).admit(close, gripper(), (estimated_n, estimated_n, 0.0))
-    return admitted_command if isinstance(admitted_command, CloseFast) else None
+    return admitted_command if isinstance(admitted_command, CloseToLimit) else None
 
 
 def overshoot_n(**settings: Any) -> float:

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Counts3, Detection
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.lift_line import LiftLine
@@ -17,9 +17,9 @@ from tests.unit.grasp.builders import gripper, observation
 S = ControllerSettings(closing_speed_mps=0.1)
 LIMIT_N = 10.0
 REACH: Counts3 = (60, 61, 62)
-FIRST = CloseFast(LIMIT_N, (True, True, True), REACH, 0.1, first_stage=True)
-SLOWLY = CloseFast(LIMIT_N, (True, True, True), (255, 255, 255), 0.022)
-AT_ONCE = CloseFast(LIMIT_N, (True, True, True), (255, 255, 255), 0.1)
+FIRST = CloseToLimit(LIMIT_N, (True, True, True), REACH, 0.1, first_stage=True)
+SLOWLY = CloseToLimit(LIMIT_N, (True, True, True), (255, 255, 255), 0.022)
+AT_ONCE = CloseToLimit(LIMIT_N, (True, True, True), (255, 255, 255), 0.1)
 MOVING = (Detection.MOVING,) * 3
 
 
@@ -50,13 +50,13 @@ def test_unknown_contact_position_gives_one_stage(nothing_known: Any) -> None:
 
 def test_constant_closing_has_one_stage_and_one_speed() -> None:
     constant = response(closing="constant")
-    assert constant.closing(hand()) == constant.slow_closing() == AT_ONCE
-    assert response().slow_closing() == SLOWLY
+    assert constant.closing(hand()) == constant.closing_at_least_speed() == AT_ONCE
+    assert response().closing_at_least_speed() == SLOWLY
 
 
 @pytest.mark.parametrize(("thumb", "expected"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
 def test_no_first_stage_if_the_thumb_was_commanded_to_its_safe_travel(
-    thumb: int, expected: CloseFast
+    thumb: int, expected: CloseToLimit
 ) -> None:
     """Fingers B and C have more travel left."""
     assert response().closing(hand(thumb=thumb)) == expected
@@ -69,7 +69,7 @@ def test_thumb_in_contact_has_no_first_stage() -> None:
 
 @pytest.mark.parametrize(("first", "expected"), [(True, FIRST), (False, SLOWLY)])
 def test_closing_is_repeated_unchanged_while_the_hand_moves(
-    first: bool, expected: CloseFast
+    first: bool, expected: CloseToLimit
 ) -> None:
     moving = gripper(0, (55, 55, 55), MOVING)
     assert response().closing(hand(gripper=moving, first=first)) == expected
@@ -82,7 +82,7 @@ def test_second_stage_follows_at_any_rest_position_of_the_first() -> None:
 def test_first_stage_that_does_not_end_in_time_is_not_waited_for() -> None:
     two_stage = response()
 
-    def moving(t_ns: int) -> CloseFast:
+    def moving(t_ns: int) -> CloseToLimit:
         return two_stage.closing(hand(t_ns, gripper=gripper(t_ns, detections=MOVING), first=True))
 
     assert STAGE_NS == 500_000_000

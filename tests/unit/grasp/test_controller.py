@@ -5,7 +5,7 @@ import pytest
 from drivers.interfaces import Detection
 from grasp.control.commands import (
     BeginRest,
-    CloseFast,
+    CloseToLimit,
     HoldFingers,
     MoveArm,
     MoveFingers,
@@ -124,7 +124,7 @@ def test_firm_grip_closes_to_the_limit_and_settles_once_the_thumb_has_stopped() 
     d = Driver(firm=True)
     d.until(State.CLOSE)
     d.until_next()
-    assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
+    assert d.commands[-1] == CloseToLimit(10.0, (True, True, True), (255, 255, 255), 0.022)
     d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.state is State.CLOSE
     for _ in range(70):

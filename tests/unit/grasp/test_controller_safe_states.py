@@ -3,7 +3,7 @@
 import pytest
 
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     HoldFingers,
     StopArm,
 )
@@ -38,7 +38,7 @@ def test_fault_in_the_air_stops_the_arm_and_closes_to_the_limit(change: dict[str
     d = Driver().lift()
     d.step(**change)
     assert d.commands[0] == StopArm(1.0)
-    assert isinstance(d.commands[1], CloseFast)
+    assert isinstance(d.commands[1], CloseToLimit)
     assert d.commands[1].force_limit_n == 10.0
 
 
@@ -123,7 +123,7 @@ def test_closing_hand_is_held_when_a_person_stops_the_run(closes: str) -> None:
 def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
-    assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseFast]
+    assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseToLimit]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fau
         d.step(faults=(failed("gripper_unconfirmed", seconds=0.3, how=""), fault))
     assert d.controller.faults == (UNCONFIRMED,)
     assert d.controller.later_faults == (fault,)
-    assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
+    assert {type(c) for c in d.commands} <= {StopArm, CloseToLimit}
 
 
 def test_arm_that_becomes_implausible_in_the_safe_state_is_not_confirmed() -> None:
@@ -179,10 +179,10 @@ def test_gripper_that_reconnects_still_gets_the_closing() -> None:
     d.step(errors=LOST, gripper_lost=True)
     for _ in range(8):
         d.step(gripper_lost=True)
-    assert not any(isinstance(c, CloseFast) for c in d.commands)
+    assert not any(isinstance(c, CloseToLimit) for c in d.commands)
     for _ in range(20):
         d.step()
-    assert sum(isinstance(c, CloseFast) for c in d.commands) == 1
+    assert sum(isinstance(c, CloseToLimit) for c in d.commands) == 1
     assert d.controller.finished
 
 

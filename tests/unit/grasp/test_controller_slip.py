@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     MoveArm,
     StopArm,
 )
@@ -18,12 +18,15 @@ def test_registered_slip_closes_at_the_closing_speed_in_the_same_step() -> None:
     d.climb(0.9)
     assert d.commands == []
     d.climb(0.9)
-    assert d.commands == [StopArm(8.0), CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+    assert d.commands == [
+        StopArm(8.0),
+        CloseToLimit(10.0, (True, True, True), (255, 255, 255), 0.11),
+    ]
 
 
 REACH = (58, 57, 57)
-FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, first_stage=True)
-TOP_UP = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
+FIRST = CloseToLimit(10.0, (True, True, True), REACH, 0.11, first_stage=True)
+TOP_UP = CloseToLimit(10.0, (True, True, True), (255, 255, 255), 0.022)
 
 
 def staged() -> Driver:
@@ -76,7 +79,7 @@ def test_contact_lost_in_the_first_stage_gives_one_stage_at_the_closing_speed() 
     for _ in range(10):
         d.climb(gripper=d.hand(detections=MOVING), estimated_n=(0.0, 0.0, 0.0))
     d.climb(estimated_n=(0.0, 0.0, 0.0))
-    assert d.commands == [FIRST, CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+    assert d.commands == [FIRST, CloseToLimit(10.0, (True, True, True), (255, 255, 255), 0.11)]
     assert d.controller.state is State.COMPENSATE
 
 

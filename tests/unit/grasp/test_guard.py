@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, Vector3
-from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.guard import ForceGuard, GuardSettings, limit_in_words
 from tests.unit.grasp.builders import gripper
@@ -28,14 +28,14 @@ def guard(travel_bound: bool = False, **changes: object) -> ForceGuard:
     return ForceGuard(settings, 10.0, stiffness, travel_bound=travel_bound)
 
 
-def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> CloseFast:
-    return CloseFast(force_n, ALL, (limit, limit, limit), speed)
+def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> CloseToLimit:
+    return CloseToLimit(force_n, ALL, (limit, limit, limit), speed)
 
 
 @pytest.mark.parametrize("requested_n", AROUND_THE_LIMIT)
 def test_no_force_above_the_limit_is_admitted(requested_n: float) -> None:
     admitted = guard().admit(close(requested_n), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.force_limit_n == min(requested_n, 10.0)
     moved = guard().admit(MoveFingers((60, 60, 60), 0.05, requested_n), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers)
@@ -46,7 +46,7 @@ def test_first_stage_of_a_closing_stays_one() -> None:
     for more in (False, True):
         requested = msgspec.structs.replace(close(), first_stage=more)
         admitted = guard().admit(requested, gripper(), NO_FORCE)
-        assert isinstance(admitted, CloseFast)
+        assert isinstance(admitted, CloseToLimit)
         assert admitted.first_stage is more
 
 
@@ -64,13 +64,13 @@ def test_least_force_equal_to_the_limit_is_accepted() -> None:
 
 def test_thumb_closes_alone_when_every_finger_must_keep_the_limit() -> None:
     admitted = guard().admit(close(), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.closing == (True, False, False)
 
 
 def test_all_fingers_close_when_each_motor_keeps_the_limit_for_itself() -> None:
     admitted = guard(limit_mode="each_motor").admit(close(), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.closing == ALL
 
 
@@ -78,9 +78,9 @@ def test_closing_speed_keeps_the_energy_within_the_stated_overshoot() -> None:
     g = guard(overshoot_n=1.0, contact_stiffness_npm=2500.0, tip_mass_kg=0.1)
     assert g.closing_speed_mps * math.sqrt(2500.0 * 0.1) == pytest.approx(1.0)
     admitted = g.admit(close(speed=0.11), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.speed_mps == g.closing_speed_mps
-    assert g.admit(close(speed=0.03), gripper(), NO_FORCE) == CloseFast(
+    assert g.admit(close(speed=0.03), gripper(), NO_FORCE) == CloseToLimit(
         10.0, (True, False, False), (255, 255, 255), 0.03
     )
 
@@ -90,7 +90,7 @@ def test_measured_force_beyond_its_margin_stops_further_closing_but_never_opens(
     assert guard().admit(close(), gripper(), over) == HoldFingers()
     assert guard().admit(MoveFingers((56, 55, 55), 0.05, 10.0), gripper(), over) == HoldFingers()
     at = (15.0, 15.0, 0.0)
-    assert isinstance(guard().admit(close(), gripper(), at), CloseFast)
+    assert isinstance(guard().admit(close(), gripper(), at), CloseToLimit)
 
 
 def test_measured_force_does_not_stop_opening() -> None:
@@ -116,7 +116,7 @@ def test_no_target_is_beyond_the_position_of_the_force_limit(
     g = guard(travel_bound=True, contact_stiffness_npm=stiffness)
     g.set_first_grasp((position, position, position), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     for limit in admitted.limits_counts:
         travel_m = max(0, limit - position) * 0.00077
         assert first_n + stiffness * travel_m <= max(10.0, first_n) + 1e-9
@@ -128,7 +128,7 @@ def test_move_is_bounded_by_position_as_a_closing_is() -> None:
     g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     closing = g.admit(close(), gripper(), NO_FORCE)
     moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
-    assert isinstance(closing, CloseFast) and isinstance(moving, MoveFingers)
+    assert isinstance(closing, CloseToLimit) and isinstance(moving, MoveFingers)
     assert moving.targets_counts == closing.limits_counts < (70, 70, 70)
 
 
@@ -136,7 +136,7 @@ def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
     g = guard(travel_bound=True)
     g.set_first_grasp((55, 55, 55), (12.0, 6.0, 6.0))
     admitted = g.admit(close(), gripper(), NO_FORCE)
-    assert isinstance(admitted, CloseFast)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.limits_counts[0] == 55
 
 
@@ -164,7 +164,7 @@ def test_every_finger_has_its_own_limit_of_measured_force(
 def test_single_fingertip_that_sticks_at_a_high_reading_does_not_prevent_closing(
     mode: str, estimated_n: Vector3
 ) -> None:
-    assert isinstance(guard(limit_mode=mode).admit(close(), gripper(), estimated_n), CloseFast)
+    assert isinstance(guard(limit_mode=mode).admit(close(), gripper(), estimated_n), CloseToLimit)
 
 
 def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
@@ -176,8 +176,8 @@ def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
 
 def speed(g: ForceGuard, targets: Counts3, requested_mps: float = 0.11) -> float:
     moved = g.admit(MoveFingers(targets, requested_mps, 10.0), gripper(), FIRST_N)
-    closed = g.admit(CloseFast(10.0, ALL, targets, requested_mps), gripper(), FIRST_N)
-    assert isinstance(moved, MoveFingers) and isinstance(closed, CloseFast)
+    closed = g.admit(CloseToLimit(10.0, ALL, targets, requested_mps), gripper(), FIRST_N)
+    assert isinstance(moved, MoveFingers) and isinstance(closed, CloseToLimit)
     assert moved.speed_mps == closed.speed_mps
     return moved.speed_mps
 
@@ -199,8 +199,8 @@ def test_speed_is_limited_equally_for_moves_and_closings() -> None:
 
 def test_fingers_that_do_not_close_do_not_limit_the_speed() -> None:
     g = after_first_grasp()
-    admitted = g.admit(CloseFast(10.0, ALL, (58, 255, 255), 0.11), gripper(), FIRST_N)
-    assert isinstance(admitted, CloseFast)
+    admitted = g.admit(CloseToLimit(10.0, ALL, (58, 255, 255), 0.11), gripper(), FIRST_N)
+    assert isinstance(admitted, CloseToLimit)
     assert admitted.speed_mps == 0.11
     moved = g.admit(MoveFingers((58, 255, 55), 0.11, 10.0), gripper(), FIRST_N)
     assert isinstance(moved, MoveFingers)
@@ -261,7 +261,7 @@ def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
     g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     limits = [g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)]
-    assert len({c.limits_counts for c in limits if isinstance(c, CloseFast)}) == 1
+    assert len({c.limits_counts for c in limits if isinstance(c, CloseToLimit)}) == 1
 
 
 def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
@@ -302,8 +302,8 @@ def test_without_free_counts_no_finger_closes_fast(targets: Counts3) -> None:
     moved = g.admit(MoveFingers(targets, 0.11, 10.0), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers) and moved.speed_mps == g.closing_speed_mps
     assert speed(g, (0, 0, 0)) == 0.11
-    thumb = g.admit(CloseFast(10.0, ALL, (0, 255, 255), 0.11), gripper(), NO_FORCE)
-    assert isinstance(thumb, CloseFast) and thumb.speed_mps == 0.11
+    thumb = g.admit(CloseToLimit(10.0, ALL, (0, 255, 255), 0.11), gripper(), NO_FORCE)
+    assert isinstance(thumb, CloseToLimit) and thumb.speed_mps == 0.11
 
 
 def test_impossible_overshoot_is_refused_with_the_least_possible_one() -> None:

@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import LinkLost, Refused
 from grasp.control.commands import (
     BeginRest,
-    CloseFast,
+    CloseToLimit,
     Command,
     HoldFingers,
     MoveArm,
@@ -24,7 +24,7 @@ from tests.unit.grasp.builders import STOP
 from tests.unit.grasp.loop_bench import MS, Bench
 
 MOVE = MoveFingers((1, 2, 3), 0.05, 7.0)
-CLOSE = CloseFast(9.0, (True, False, True), (4, 5, 6), 0.03)
+CLOSE = CloseToLimit(9.0, (True, False, True), (4, 5, 6), 0.03)
 RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
 
 
@@ -38,7 +38,7 @@ def test_each_command_reaches_its_device_with_its_arguments_in_order() -> None:
     bench.loop.tick()
     assert bench.verbs() == [
         ("move_to", (1, 2, 3), 0.05, 7.0),
-        ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03),
+        ("close_to_limit", 9.0, (True, False, True), (4, 5, 6), 0.03),
         ("open", 0.11), ("hold",), ("arm", (0.1, 0.2, 0.3), 0.04, 0.6), ("stop", 3.0), ("rest",),
     ]  # fmt: skip
     inputs = bench.ticks[1].issued
@@ -46,7 +46,8 @@ def test_each_command_reaches_its_device_with_its_arguments_in_order() -> None:
     step_ns = 10**9 + 10 * MS
     assert inputs[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
     assert [one.applied for one in inputs] == [
-        "applied move_to", "applied close_fast", "applied open", "applied hold", None, None, None
+        "applied move_to", "applied close_to_limit", "applied open", "applied hold",
+        None, None, None,
     ]  # fmt: skip
     assert bench.loop.timing.gripper_commands_ns == [(step_ns, step_ns + 2 * MS)] * 4
     bench.loop.tick()
@@ -151,7 +152,9 @@ def test_run_ends_with_its_controller_or_at_its_deadline() -> None:
     assert [inputs.stop is not None for inputs in slow_arm.inputs][:9] == [False] * 8 + [True]
 
 
-@pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])
+@pytest.mark.parametrize(
+    ("phase", "kept"), [(State.COMPENSATE, ["close_to_limit"]), (State.LIFT, [])]
+)
 def test_stop_drops_queued_commands_except_a_closing_for_slip(
     phase: State, kept: list[str]
 ) -> None:
@@ -195,7 +198,7 @@ def test_each_step_sets_the_fallback_of_the_gripper_thread() -> None:
     ((command, words),) = bench.fallbacks
     assert words == "close AC at 30 mm/s, at most 9 N"
     command(bench.hand)
-    assert bench.verbs() == [("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03)]
+    assert bench.verbs() == [("close_to_limit", 9.0, (True, False, True), (4, 5, 6), 0.03)]
     bench.fallback = None
     bench.loop.tick()
     assert bench.fallbacks[1:] == [(None, "")]

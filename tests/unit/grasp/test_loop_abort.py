@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseFast, MoveArm, StopArm
+from grasp.control.commands import CloseToLimit, MoveArm, StopArm
 from tests.unit.grasp.builders import REST, arm, gripper
 from tests.unit.grasp.loop_bench import MS, Bench
 
@@ -70,7 +70,7 @@ def test_abort_ends_once_confirmed_and_does_not_restart_a_closing() -> None:
     bench = Bench(abort_s=0.3)
     bench.controller.abort_commands = lambda: (
         StopArm(2.0),
-        CloseFast(9.0, (True,) * 3, (9, 9, 9), 0.1),
+        CloseToLimit(9.0, (True,) * 3, (9, 9, 9), 0.1),
     )
     bench.loop.tick()
     bench.arm.state = arm(2 * 10**9)
@@ -83,4 +83,4 @@ def test_abort_ends_once_confirmed_and_does_not_restart_a_closing() -> None:
     bench.hand.poll = rests
     bench.loop.abort()
     assert bench.clock.now_ns == 10**9 + 160 * MS
-    assert [name for name, *_ in bench.verbs()] == ["stop", "close_fast", "stop", "stop"]
+    assert [name for name, *_ in bench.verbs()] == ["stop", "close_to_limit", "stop", "stop"]

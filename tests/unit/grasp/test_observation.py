@@ -3,11 +3,11 @@
 from typing import Any
 
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from tests.unit.grasp.builders import gripper, observation
 from tests.unit.grasp.controller_driver import LATCHED, MOVING
 
-THUMB = CloseFast(10.0, (True, False, False), (60, 255, 255), 0.06)
+THUMB = CloseToLimit(10.0, (True, False, False), (60, 255, 255), 0.06)
 AT_60 = gripper(positions=(60, 55, 55))
 SHORT = gripper(positions=(59, 55, 55))
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseFast, Command, HoldFingers
+from grasp.control.commands import CloseToLimit, Command, HoldFingers
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.fault import ARM, Fault
@@ -16,7 +16,7 @@ from grasp.control.slip_response.close import SlipResponse
 from grasp.control.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, observation
 
-CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
+CLOSURE = CloseToLimit(10.0, (True, False, False), (255, 255, 255), 0.06)
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
 LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 OLD_NS = 100e6

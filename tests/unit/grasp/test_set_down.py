@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from grasp.control.commands import CloseFast, MoveArm, OpenFingers, StopArm
+from grasp.control.commands import CloseToLimit, MoveArm, OpenFingers, StopArm
 from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
@@ -131,7 +131,7 @@ def test_probe_without_a_change_continues_the_descent(
     d = probed(2.6, 2.6)
     assert d.controller.state is State.FEEL
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
-    assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
+    assert not any(isinstance(c, OpenFingers | CloseToLimit) for c in d.commands)
     d.height_m = 0.0
     d.until(State.OPEN, estimated_n=grip_forces(2.6))
 
@@ -153,7 +153,7 @@ def test_fault_during_a_probe_closes_the_hand(probes: bool) -> None:
         d.until_next(estimated_n=GRIP)
     d.commands.clear()
     d.step(errors=LOST, estimated_n=GRIP)
-    assert [type(c) for c in d.commands] == [StopArm, CloseFast]
+    assert [type(c) for c in d.commands] == [StopArm, CloseToLimit]
 
 
 def test_stop_while_lowering_is_repeated_until_the_arm_has_stopped() -> None:

@@ -12,7 +12,7 @@ from detector.interface import Motion
 from drivers.errors import Refused
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.control.commands import (
-    CloseFast,
+    CloseToLimit,
     Command,
     GripperCommand,
     HoldFingers,
@@ -34,7 +34,7 @@ from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 
 ANY_CLOSE = ((True, True, True), (255, 255, 255), 0.1)
-CLOSE = CloseFast(8.0, *ANY_CLOSE)
+CLOSE = CloseToLimit(8.0, *ANY_CLOSE)
 LET = OpenFingers(0.05)
 RISE = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
 SURE = np.array([0.9, 0.1, 0.2])
@@ -234,7 +234,7 @@ def guarded_step(driver: Driver) -> GraspStep:
 def test_fallback_of_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
     step = guarded_step(Driver().lift())
     fallback = step.fallback(gripper())
-    assert isinstance(fallback, CloseFast)
+    assert isinstance(fallback, CloseToLimit)
     assert (fallback.force_limit_n, fallback.closing) == (10.0, (True, False, False))
     assert step.last_close is None, "it has not been sent"
     step.decide(step_input(frame(-420)))  # 15.75 N measured
@@ -313,7 +313,7 @@ def test_implausible_codes_do_not_change_the_measured_force() -> None:
 
 
 def test_last_close_is_the_admitted_closing() -> None:
-    controller = cast(GraspController, FakeController(State.LIFT, CloseFast(60.0, *ANY_CLOSE)))
+    controller = cast(GraspController, FakeController(State.LIFT, CloseToLimit(60.0, *ANY_CLOSE)))
     step = GraspStep(FakeDetector(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
     assert step.decide(step_input(frame(-1))).observation.last_close is None
     closed = step.decide(step_input(frame(-1), 2 * TICK)).observation.last_close

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.interfaces import ArmState
-from grasp.control.commands import CloseFast, MoveArm, StopArm
+from grasp.control.commands import CloseToLimit, MoveArm, StopArm
 from grasp.control.slip_response.stop_and_close import RESUME_MPS2
 from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm
@@ -25,7 +25,7 @@ def quiet(d: Driver, steps: int) -> None:
 
 def test_arm_stops_before_the_hand_closes() -> None:
     d = Driver(slip_stop_mps2=4.0).slip()
-    assert [type(c) for c in d.commands] == [StopArm, CloseFast]
+    assert [type(c) for c in d.commands] == [StopArm, CloseToLimit]
     assert commands(d, StopArm) == [StopArm(4.0)]
 
 

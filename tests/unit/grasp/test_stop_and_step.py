@@ -3,7 +3,7 @@ enough."""
 
 import pytest
 
-from grasp.control.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.control.commands import CloseToLimit, MoveArm, MoveFingers, StopArm
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.lift_line import LiftLine
@@ -37,7 +37,7 @@ def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
     newtons_per_count: float, counts: int
 ) -> None:
     d = stepping(stiffness=Stiffness(newtons_per_count))
-    assert commands(d, StopArm, MoveFingers, CloseFast) == [
+    assert commands(d, StopArm, MoveFingers, CloseToLimit) == [
         StopArm(8.0), MoveFingers((55 + counts, 55, 55), 0.022, 10.0),
     ]  # fmt: skip
 
@@ -49,7 +49,7 @@ def test_recurring_slip_leads_to_another_step() -> None:
     over(d)
     assert [c.targets_counts[0] for c in commands(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
     assert len(commands(d, StopArm)) == len(commands(d, MoveArm)) == 2
-    assert commands(d, CloseFast) == []
+    assert commands(d, CloseToLimit) == []
 
 
 def test_margin_is_added_with_the_arm_stopped_once_the_force_has_carried_the_object() -> None:
@@ -69,10 +69,10 @@ def test_slip_that_outlasts_a_step_leads_to_the_closing() -> None:
     d = stepping()
     for _ in range(24):
         d.climb(0.9)
-    assert commands(d, CloseFast) == []
+    assert commands(d, CloseToLimit) == []
     for _ in range(3):
         d.climb(0.9)
-    assert len(commands(d, CloseFast)) == 1
+    assert len(commands(d, CloseToLimit)) == 1
     over(d)
     rises(d, 0.1)
     assert len(commands(d, MoveFingers)) == 1  # no margin on the cap
@@ -82,13 +82,13 @@ def test_slip_that_outlasts_a_step_leads_to_the_closing() -> None:
 def test_slip_in_the_air_leads_to_the_closing() -> None:
     high = stepping(0.031)
     assert commands(high, MoveFingers) == []
-    assert len(commands(high, CloseFast)) == 1
+    assert len(commands(high, CloseToLimit)) == 1
     top = Driver(slip_response="stop_and_step", hold_s=5.0, lift_height_m=0.02).lift()
     top.height_m = 0.02
     top.until(State.HOLD)
     top.until(State.COMPENSATE, 0.9)
     assert commands(top, MoveFingers) == []
-    assert len(commands(top, CloseFast)) == 1
+    assert len(commands(top, CloseToLimit)) == 1
 
 
 def test_thumb_latched_at_the_limit_by_a_step_gets_no_further_command() -> None:
@@ -97,7 +97,7 @@ def test_thumb_latched_at_the_limit_by_a_step_gets_no_further_command() -> None:
     for _ in range(2):
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
     assert d.controller.state is State.COMPENSATE
-    assert commands(d, MoveFingers, CloseFast) == []
+    assert commands(d, MoveFingers, CloseToLimit) == []
     assert d.controller.response.closings == 1
 
 
@@ -114,7 +114,7 @@ def test_a_step_beyond_the_thumb_limit_becomes_a_closing_to_that_limit(
 ) -> None:
     d = held_by(end, stiffness=Stiffness(0.75)).slip()
     assert [c.targets_counts[0] for c in commands(d, MoveFingers)] == targets  # type: ignore[attr-defined]
-    assert len(commands(d, CloseFast)) == (not targets)
+    assert len(commands(d, CloseToLimit)) == (not targets)
 
 
 @pytest.mark.parametrize(("changes", "hand"), [({"errors": LOST}, 1), ({"stop": STOP}, 0)])
@@ -124,7 +124,7 @@ def test_during_a_step_a_fault_closes_the_hand_and_a_stop_keeps_it(
     d = stepping()
     d.commands.clear()
     d.climb(**changes)
-    assert len(commands(d, CloseFast)) == hand
+    assert len(commands(d, CloseToLimit)) == hand
     assert commands(d, MoveFingers) == []
 
 

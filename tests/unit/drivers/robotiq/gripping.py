@@ -24,7 +24,7 @@ THUMB = (True, False, False)
 def gripped(rig, springs, **kwargs):
     """A rig whose three fingers are in contact with rigid objects at force byte 0."""
     made = rig(springs=springs([RIGID] * 3, [0.03] * 3), **kwargs)
-    made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST)
+    made.driver.close_to_limit(10.0, ALL, (255, 255, 255), FAST)
     made.settle()
     assert [f.detection for f in made.state.fingers] == [Detection.CONTACT_CLOSING] * 3
     return made

@@ -56,7 +56,7 @@ def test_holding_fingers_stay_when_another_client_writes_just_before_a_close(
     made.settle()
     made.advance(late_ms)
     made.model.write(0, (OPENED.to_registers()[0],), made.now_ns)  # rICF alone
-    made.driver.close_fast(LIMIT_N, THUMB, (255, 0, 0), SLOW)
+    made.driver.close_to_limit(LIMIT_N, THUMB, (255, 0, 0), SLOW)
     with pytest.raises(DeviceFault, match="another client"):
         made.step(4)
     made.settle()
@@ -86,7 +86,7 @@ def test_a_command_that_is_not_taken_up_is_not_taken_for_another_client(rig) -> 
     made.driver.move_to((60, 60, 60), FAST, LIMIT_N)
     made.settle()
     made.model.ignores_writes = True
-    made.driver.close_fast(LIMIT_N, ALL, (200, 200, 200), FAST)
+    made.driver.close_to_limit(LIMIT_N, ALL, (200, 200, 200), FAST)
     made.step(50)
     assert not made.state.fresh
 
@@ -121,7 +121,7 @@ def test_another_clients_force_and_speed_are_overwritten_while_a_finger_closes(
     made = rig(springs=springs([RIGID] * 3, [0.03] * 3))
     made.driver.move_to((30, 30, 30), FAST, LIMIT_N)
     made.settle()
-    made.driver.close_fast(LIMIT_N, THUMB, (255, 0, 0), SLOW)
+    made.driver.close_to_limit(LIMIT_N, THUMB, (255, 0, 0), SLOW)
     made.step(2)
     made.advance(late_ms)
     made.model.write(2, (0xFFFF,), made.now_ns)  # speed and force of finger A

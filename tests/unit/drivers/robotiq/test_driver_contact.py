@@ -63,7 +63,7 @@ def test_closing_the_thumb_alone_holds_the_others_where_they_are(rig, springs) -
     made = rig(springs=springs([RIGID] * 3, [0.074, 0.2, 0.2]))
     made.driver.move_to((90, 95, 96), FAST, 10.0)
     made.settle()
-    applied = made.driver.close_fast(10.0, THUMB, (255, 255, 255), FAST)
+    applied = made.driver.close_to_limit(10.0, THUMB, (255, 255, 255), FAST)
     assert applied.targets_counts == (255, 95, 96)
     made.settle()
     assert made.state.positions[1:] == (95, 96)
@@ -73,7 +73,7 @@ def test_closing_the_thumb_alone_holds_the_others_where_they_are(rig, springs) -
 
 def test_a_second_close_at_equal_force_is_reported_as_ineffective(rig, springs) -> None:
     made = gripped(rig, springs)
-    applied = made.driver.close_fast(10.0, ALL, (250, 250, 250), FAST)
+    applied = made.driver.close_to_limit(10.0, ALL, (250, 250, 250), FAST)
     assert not applied.effective
     assert "latched" in applied.note
     travel = made.model.travel_m
@@ -87,13 +87,13 @@ def test_hold_after_contact_keeps_the_grip_and_remembers_the_latch(rig, springs)
     made.driver.hold()
     made.settle()
     assert (made.model.travel_m == travel).all()
-    assert not made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST).effective
+    assert not made.driver.close_to_limit(10.0, ALL, (255, 255, 255), FAST).effective
 
 
 def test_a_close_at_higher_force_is_effective(rig, springs) -> None:
     made = gripped(rig, springs)
     before = made.peak_n.copy()
-    applied = made.driver.close_fast(30.0, ALL, (255, 255, 255), FAST)
+    applied = made.driver.close_to_limit(30.0, ALL, (255, 255, 255), FAST)
     assert applied.effective and applied.force_n <= 30.0
     made.settle()
     assert (made.peak_n > before + 10).all()
@@ -102,21 +102,21 @@ def test_a_close_at_higher_force_is_effective(rig, springs) -> None:
 def test_a_close_right_after_open_does_not_trust_the_stale_contact(rig, springs) -> None:
     made = gripped(rig, springs)
     made.driver.open(FAST)
-    assert made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST).effective
+    assert made.driver.close_to_limit(10.0, ALL, (255, 255, 255), FAST).effective
 
 
 def test_an_existing_grip_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
     made = gripped(rig, springs)
     other = RobotiqDriver(made.transport, DriverSettings(), PAPER)
     other.poll(made.now_ns)
-    assert not other.close_fast(20.0, ALL, (255, 255, 255), FAST).effective
+    assert not other.close_to_limit(20.0, ALL, (255, 255, 255), FAST).effective
 
 
 def test_a_limit_more_open_than_the_finger_never_opens_it(rig) -> None:
     made = rig()
     made.driver.move_to((100, 100, 100), FAST, 10.0)
     made.settle()
-    applied = made.driver.close_fast(10.0, ALL, (90, 50, 100), FAST)
+    applied = made.driver.close_to_limit(10.0, ALL, (90, 50, 100), FAST)
     assert applied.targets_counts == (100, 100, 100)
     assert not applied.effective
     made.step(20)
@@ -141,7 +141,7 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     made.step()
     assert made.state.positions == (100, 101, 100)
     assert made.driver.hold().targets_counts == (100, 100, 100)
-    closing = made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    closing = made.driver.close_to_limit(10.0, THUMB, (120, 0, 0), FAST)
     assert closing.targets_counts == (120, 100, 100)
 
 
@@ -159,7 +159,7 @@ def test_holding_finger_with_a_wrong_position_and_a_wrong_echo_keeps_its_target(
     with pytest.raises(DeviceFault, match="targets"):  # as another client's
         made.step(20)
     assert made.state.positions == (100, 100 + off, 100) and not made.state.fresh
-    closing = made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    closing = made.driver.close_to_limit(10.0, THUMB, (120, 0, 0), FAST)
     assert closing.targets_counts == (120, 100, 100)
 
 
@@ -194,7 +194,7 @@ def test_hold_and_repeated_requests_on_a_frozen_status_do_not_activate_the_hand(
     for _ in range(3):
         made.driver.hold()
         made.step(100)
-        made.driver.close_fast(10.0, ALL, (250, 250, 250), FAST)
+        made.driver.close_to_limit(10.0, ALL, (250, 250, 250), FAST)
         made.step(100)
     assert (made.model.travel_m == stood).all()
     assert not made.model.ready

@@ -166,7 +166,7 @@ def test_unrequested_activation_is_reset_at_once_and_reported_as_a_fault(rig) ->
 
 MOTION_VERBS = {
     "move_to": lambda driver: driver.move_to((90, 90, 90), FAST, 10.0),
-    "close_fast": lambda driver: driver.close_fast(10.0, ALL, (200, 200, 200), FAST),
+    "close_to_limit": lambda driver: driver.close_to_limit(10.0, ALL, (200, 200, 200), FAST),
     "open": lambda driver: driver.open(FAST),
     "hold": lambda driver: driver.hold(),
 }
@@ -212,7 +212,7 @@ VERBS = st.one_of(
     st.tuples(st.just("hold")),
     st.tuples(st.just("activate")),
     st.tuples(st.just("move_to"), COUNTS, CAPS),
-    st.tuples(st.just("close_fast"), CAPS, FLAGS, COUNTS),
+    st.tuples(st.just("close_to_limit"), CAPS, FLAGS, COUNTS),
     st.tuples(st.just("fault"), st.sampled_from([0, 0x0A, 0x0D, 0x0F])),
     st.tuples(st.just("link"), st.booleans()),
 )
@@ -226,8 +226,8 @@ def apply_verb(driver: RobotiqDriver, verb: tuple) -> float:
         case ("move_to", targets, cap):
             driver.move_to(targets, FAST, cap)
             return cap
-        case ("close_fast", cap, closing, limits):
-            driver.close_fast(cap, closing, limits, FAST)
+        case ("close_to_limit", cap, closing, limits):
+            driver.close_to_limit(cap, closing, limits, FAST)
             return cap
         case (name,):
             return 0.0 if getattr(driver, name)().effective else -1.0

@@ -43,7 +43,7 @@ def test_nothing_closes_in_scissor_mode(rig) -> None:
     made = in_mode(rig(), SCISSOR, at=120)
     for verb in (
         lambda: made.driver.move_to((120, 121, 120), FAST, 10.0),
-        lambda: made.driver.close_fast(10.0, ALL, (130, 130, 130), FAST),
+        lambda: made.driver.close_to_limit(10.0, ALL, (130, 130, 130), FAST),
     ):
         with pytest.raises(
             Refused, match="scissor mode, in which it may only be opened"

@@ -25,7 +25,7 @@ def test_state_reports_the_written_bytes_and_their_acknowledgement_time(rig) -> 
     made.step(60)
     whole, first_ns = made.frames[-1], made.written_ns[-1]
     assert (made.state.written, made.state.written_ns) == (whole, first_ns)
-    made.driver.close_fast(10.0, THUMB, (255, 255, 255), FAST)
+    made.driver.close_to_limit(10.0, THUMB, (255, 255, 255), FAST)
     assert made.state.written == whole, "not written yet"
     made.step()
     short = made.state.written  # the register with rACT is confirmed and therefore not written
@@ -36,7 +36,7 @@ def test_state_reports_the_written_bytes_and_their_acknowledgement_time(rig) -> 
 def test_fingers_that_do_not_close_get_the_least_force(rig) -> None:
     made = rig()
     made.step(5)
-    made.driver.close_fast(60.0, THUMB, (255, 255, 255), FAST)
+    made.driver.close_to_limit(60.0, THUMB, (255, 255, 255), FAST)
     made.step()
     registers = bytes.fromhex(made.state.written)[-13:]  # target, speed and force of A, B and C
     a, b, c = (registers[i] for i in (2, 5, 8))
@@ -105,7 +105,7 @@ def test_motion_is_refused_until_active(rig) -> None:
     for verb in (
         lambda: made.driver.open(FAST),
         lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
-        lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
+        lambda: made.driver.close_to_limit(10.0, ALL, (255,) * 3, FAST),
     ):
         with pytest.raises(Refused, match="not activated"):
             verb()
@@ -122,7 +122,7 @@ def test_golden_bytes_of_every_motion_verb(rig) -> None:
     made = rig()
     made.driver.move_to((100, 90, 80), FAST, 10.0)
     made.settle()
-    made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    made.driver.close_to_limit(10.0, THUMB, (120, 0, 0), FAST)
     made.settle()
     made.driver.hold()
     made.settle()
@@ -138,15 +138,15 @@ def test_golden_bytes_of_every_motion_verb(rig) -> None:
 
 def test_finger_with_an_uncertain_position_continues_no_faster_than_commanded(rig) -> None:
     made = rig()
-    made.driver.close_fast(10.0, THUMB, (200, 0, 0), 0.022)
+    made.driver.close_to_limit(10.0, THUMB, (200, 0, 0), 0.022)
     made.step(40)
     kept = made.model.read(made.now_ns)
-    assert made.driver.close_fast(10.0, THUMB, (60, 0, 0), FAST).speed_mps > 0.1
-    made.driver.close_fast(10.0, THUMB, (200, 0, 0), 0.022)
+    assert made.driver.close_to_limit(10.0, THUMB, (60, 0, 0), FAST).speed_mps > 0.1
+    made.driver.close_to_limit(10.0, THUMB, (200, 0, 0), 0.022)
     made.model.misreport(lambda words: kept)
     made.step(20)
     assert made.state.fingers[0].detection is Detection.MOVING
-    applied = made.driver.close_fast(10.0, THUMB, (60, 0, 0), FAST)
+    applied = made.driver.close_to_limit(10.0, THUMB, (60, 0, 0), FAST)
     assert applied.targets_counts[0] == 200, "it may be anywhere on its way there"
     assert applied.speed_mps == 0.022
 
@@ -165,7 +165,7 @@ def test_applied_reports_the_values_of_the_rounded_bytes(rig) -> None:
 def test_a_limit_below_the_least_force_is_refused_before_a_byte_is_written(rig) -> None:
     made = rig(calibration="manual")
     for verb in (
-        lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
+        lambda: made.driver.close_to_limit(10.0, ALL, (255,) * 3, FAST),
         lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
     ):
         with pytest.raises(Refused, match="15 N"):
@@ -180,7 +180,7 @@ def test_fingers_moved_by_a_simple_command_do_not_jump_at_the_first_individual_o
     made.model.write(0, simple.to_registers(), made.now_ns)
     made.step(300)
     assert made.state.positions == (120, 120, 120)
-    made.driver.close_fast(10.0, THUMB, (140, 0, 0), FAST)
+    made.driver.close_to_limit(10.0, THUMB, (140, 0, 0), FAST)
     made.settle()
     assert made.state.positions == (140, 120, 120)
 

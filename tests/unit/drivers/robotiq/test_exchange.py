@@ -214,7 +214,7 @@ def test_force_of_a_grip_is_not_known_after_the_link_was_lost(rig, springs) -> N
         made.step()
     made.transport.down = False
     made.settle()
-    applied = made.driver.close_fast(20.0, ALL, (255,) * 3, FAST)
+    applied = made.driver.close_to_limit(20.0, ALL, (255,) * 3, FAST)
     assert not applied.effective and "latched" in applied.note
 
 
@@ -298,7 +298,7 @@ def freeze_status(made, steps: int) -> tuple[int, ...]:
 def test_hold_targets_the_reported_position_until_the_status_is_old(rig) -> None:
     for steps, reach in [(10, 0), (11, 4 + 2)]:
         made = rig()
-        made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+        made.driver.close_to_limit(10.0, THUMB, (200, 0, 0), LEAST)
         made.step(40)
         until_changed(made)
         here = freeze_status(made, steps)
@@ -311,7 +311,7 @@ def test_hold_targets_the_reported_position_until_the_status_is_old(rig) -> None
 
 def test_hold_on_an_old_status_targets_the_farthest_possible_position(rig) -> None:
     made = rig()
-    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+    made.driver.close_to_limit(10.0, THUMB, (200, 0, 0), LEAST)
     made.step(40)
     made.step(0)
     here = freeze_status(made, 30)
@@ -322,7 +322,7 @@ def test_hold_on_an_old_status_targets_the_farthest_possible_position(rig) -> No
 def test_unconfirmed_fingers_are_stopped_while_the_status_changes(rig) -> None:
     for steps, stays in [(10, "01"), (11, "09")]:
         made = rig()
-        made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+        made.driver.close_to_limit(10.0, THUMB, (200, 0, 0), LEAST)
         made.step(40)
         until_changed(made)
         made.driver.move_to((220, 0, 0), LEAST, 10.0)
@@ -355,7 +355,7 @@ def test_uncommanded_fingers_with_uncertain_positions_hold_and_close_as_requeste
         made = uncertain(rig)
         assert made.driver.hold().targets_counts == made.state.positions, uncertain
         made = uncertain(rig)
-        assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1, uncertain
+        assert made.driver.close_to_limit(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1, uncertain
 
 
 # From registers to fingers

@@ -71,7 +71,7 @@ def test_verbs_to_a_silent_hand_return_the_request_and_run_after_the_exchange(
         (lambda: gripper.move_to((1, 2, 3), 0.05, 7.0),
          Applied((1, 2, 3), 0.05, 7.0, note=DEFERRED_NOTE)),
         (gripper.hold, Applied((7, 8, 9), 0.0, 10.0, note=DEFERRED_NOTE)),
-        (lambda: gripper.close_fast(9.0, (True, False, True), (255, 255, 6), 0.03),
+        (lambda: gripper.close_to_limit(9.0, (True, False, True), (255, 255, 6), 0.03),
          Applied((255, 8, 9), 0.03, 9.0, note=DEFERRED_NOTE)),
     )  # fmt: skip
     for verb, applied in asked:
@@ -85,7 +85,7 @@ def test_verbs_to_a_silent_hand_return_the_request_and_run_after_the_exchange(
     cell.writes_from_ns = cell.now_ns
     hand.ends()
     until(lambda: gripper.acknowledged)
-    latest = ("close_fast", 9.0, (True, False, True), (255, 255, 6), 0.03)
+    latest = ("close_to_limit", 9.0, (True, False, True), (255, 255, 6), 0.03)
     assert cell.verbs == [latest]
     assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from the time of its call"
 

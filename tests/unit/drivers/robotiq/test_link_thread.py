@@ -56,11 +56,11 @@ def test_verb_is_acknowledged_by_the_reply_and_timed_from_its_call(
 
 
 SECOND_NS = 1_000_000_000
-CLOSING = ("close_fast", 10.0, (True, False, False), (255, 255, 255), 0.02)
+CLOSING = ("close_to_limit", 10.0, (True, False, False), (255, 255, 255), 0.02)
 
 
 def closes(core: Any) -> Any:
-    return core.close_fast(*CLOSING[1:])
+    return core.close_to_limit(*CLOSING[1:])
 
 
 def exchanges(cell: Cell, gripper: ThreadedGripper) -> None:
@@ -139,12 +139,12 @@ def test_verbs_are_passed_to_the_core_unchanged(made: Made) -> None:
     results: list[object] = [
         gripper.activate(dropping=True), gripper.activate(), gripper.open(0.1),
         gripper.move_to((1, 2, 3), 0.05, 7.0),
-        gripper.close_fast(9.0, (True, False, True), (4, 5, 6), 0.03), gripper.hold(),
+        gripper.close_to_limit(9.0, (True, False, True), (4, 5, 6), 0.03), gripper.hold(),
     ]  # fmt: skip
-    verbs = ("activate", "activate", "open", "move_to", "close_fast", "hold")
+    verbs = ("activate", "activate", "open", "move_to", "close_to_limit", "hold")
     assert results == [f"applied {verb}" for verb in verbs]
     assert cell.verbs == [
         ("activate", True), ("activate", False), ("open", 0.1), ("move_to", (1, 2, 3), 0.05, 7.0),
-        ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03), ("hold",),
+        ("close_to_limit", 9.0, (True, False, True), (4, 5, 6), 0.03), ("hold",),
     ]  # fmt: skip
     assert (gripper.least_force_n, gripper.m_per_count) == (10.0, 0.00077)

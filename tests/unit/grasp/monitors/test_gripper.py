@@ -6,7 +6,13 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection, GripperState
-from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import (
+    CloseToLimit,
+    GripperCommand,
+    HoldFingers,
+    MoveFingers,
+    OpenFingers,
+)
 from grasp.control.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
@@ -48,7 +54,7 @@ def test_echo_s(value: float) -> None:
     [
         (MoveFingers((55, 194, 55), 0.1, 5.0), "target of finger B 55, expected 194"),
         (
-            CloseFast(5.0, (True, True, False), (194, 50, 194), 0.1),
+            CloseToLimit(5.0, (True, True, False), (194, 50, 194), 0.1),
             "target of finger A 55, expected 194",
         ),
         (

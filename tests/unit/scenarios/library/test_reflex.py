@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import grasp
 from drivers.errors import ConfigError, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Detection
-from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
 from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, PolicyCommand
 from scenarios.campaign.config import load_config
@@ -87,7 +87,7 @@ def test_no_command_of_a_random_policy_passes_the_limit() -> None:
                 action = rng.uniform((-0.5, -0.5, -0.5, -1.0), 1.0).astype(np.float32)
             _, _, _, _, info = env.step(action)
             hand = info["admitted"].hand
-            if isinstance(hand, MoveFingers | CloseFast):
+            if isinstance(hand, MoveFingers | CloseToLimit):
                 limit_n = hand.force_n if isinstance(hand, MoveFingers) else hand.force_limit_n
                 assert limit_n <= 10.0 and info["commanded_force_n"] <= 10.0
         peaks.append(info["peak_force_n"])
@@ -114,7 +114,7 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     up = PolicyCommand(hand=OPEN, arm_velocity_mps=UP)
     fault = reflex.step(*states, up, t_ns=late_ns)
     assert fault.state is State.FAULT and "gripper status too old" in fault.faults[0].line
-    assert isinstance(fault.hand, CloseFast) and fault.hand.force_limit_n == 10.0
+    assert isinstance(fault.hand, CloseToLimit) and fault.hand.force_limit_n == 10.0
     again = reflex.step(*states, up, t_ns=late_ns)
     assert again.faults == fault.faults and again.arm_velocity_mps == AT_REST
     assert again.hand is None
@@ -156,7 +156,7 @@ def test_fingers_that_are_to_move_but_stand_still_do_not_hide_slip(held: LiftEnv
 
 def test_the_hand_closes_although_the_arm_refuses_its_command(held: LiftEnvironment) -> None:
     admitted = held.reflex.step(*held.states(), PolicyCommand(hand=HoldFingers()))
-    closing = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
+    closing = CloseToLimit(10.0, (True, True, True), (255, 255, 255), 0.022)
     admitted = msgspec.structs.replace(admitted, hand=closing, arm_velocity_mps=(0.0, 0.0, -9.0))
     arm, gripper = Mock(), Mock()
     arm.drive.side_effect = Refused("too fast", "slower")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import grasp
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_NS, ArmState, Counts3, Detection, TactileFrame, Vector3
-from grasp.control.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
 from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, Admitted, PolicyCommand
 from scenarios.trial.config import TrialConfig
@@ -115,7 +115,7 @@ def test_a_closing_of_the_policy_is_no_slip(held: Scene) -> None:
 def test_slip_closes_the_hand_to_the_limit_and_stops_the_arm(held: Scene) -> None:
     admitted = held.step(move(0, 0, 0), arm=ASIDE, slip=1.0, steps=2)
     assert admitted.state is State.COMPENSATE and admitted.arm_velocity_mps == AT_REST
-    assert isinstance(admitted.hand, CloseFast) and admitted.hand.force_limit_n == 10.0
+    assert isinstance(admitted.hand, CloseToLimit) and admitted.hand.force_limit_n == 10.0
     assert held.step(arm=DOWN).arm_velocity_mps == DOWN
 
 
@@ -141,7 +141,7 @@ def test_a_thumb_latched_below_the_limit_can_close_further(
     held.step(steps=HOLDS)
     held.step(move(60, 55, 55, force_n=12.0), slip=0.0)
     held.step(detections=THUMB_LATCHED, steps=2)
-    assert isinstance(held.step(slip=1.0, steps=2).hand, CloseFast)
+    assert isinstance(held.step(slip=1.0, steps=2).hand, CloseToLimit)
 
 
 def test_a_thumb_latched_at_the_limit_cannot_and_the_arm_may_only_lower(held: Scene) -> None:
@@ -175,7 +175,7 @@ def test_before_the_grasp_the_thumb_closes_by_one_count_after_each_reading(grip:
 
 def test_a_closing_for_slip_ends_at_the_measured_bound(held: Scene) -> None:
     first = held.step(slip=1.0, steps=2).hand
-    assert isinstance(first, CloseFast) and first.limits_counts[0] == 57
+    assert isinstance(first, CloseToLimit) and first.limits_counts[0] == 57
     held.close_thumb(57, 8.0)  # 3 N a count: no room is left
     assert {type(held.step().hand) for _ in range(100)} == {type(None)}
     assert held.step(steps=20).exhausted
@@ -185,7 +185,7 @@ def test_a_closing_for_slip_goes_on_where_a_stage_leaves_room(held: Scene) -> No
     held.step(slip=1.0, steps=2)
     held.close_thumb(57, 4.0)  # 1 N a count: room for 6 counts and the overshoot
     hands = [held.step().hand for _ in range(60)]
-    assert {hand.limits_counts[0] for hand in hands if isinstance(hand, CloseFast)} == {64}
+    assert {hand.limits_counts[0] for hand in hands if isinstance(hand, CloseToLimit)} == {64}
 
 
 def test_b_and_c_that_met_an_object_close_again_only_after_the_hand_has_opened(
@@ -212,7 +212,7 @@ def test_the_first_closing_of_a_hand_stronger_than_the_limit_is_one_count_by_a_g
     strong = Scene(monkeypatch, limit_n=8.0)
     strong.step(steps=HOLDS)
     first = strong.step(slip=1.0, steps=2).hand
-    assert isinstance(first, CloseFast) and first.limits_counts[0] == 56
+    assert isinstance(first, CloseToLimit) and first.limits_counts[0] == 56
     assert first.force_limit_n == 10.0  # the least of this hand
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.control.controller import GraspController
 from grasp.control.states import State
 from grasp.run.loop import Tick
@@ -103,7 +103,7 @@ def test_every_phase_ends_in_time_for_any_output_of_the_detector(
 
 def closes(ticks: list[Tick]) -> int:
     """Number of closings to the force limit; a first stage counts with its second."""
-    sent = [i.admitted for t in ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
+    sent = [i.admitted for t in ticks for i in t.issued if isinstance(i.admitted, CloseToLimit)]
     assert sum(c.first_stage for c in sent) <= sum(not c.first_stage for c in sent)
     return sum(not c.first_stage for c in sent)
 

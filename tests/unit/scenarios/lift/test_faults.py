@@ -2,7 +2,7 @@
 
 import pytest
 
-from grasp.control.commands import CloseFast, HoldFingers, MoveArm, StopArm
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveArm, StopArm
 from grasp.control.states import State
 from scenarios.world.cell import PadWeight
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
@@ -27,7 +27,7 @@ def test_every_fault_in_every_phase_ends_in_its_safe_state(act: fault.Act) -> No
         assert staged.result(trial).outcome == "fault", phase
         cut = act is fault.cut_gripper
         closes, holds = (
-            any(isinstance(c, kind) for c in commands) for kind in (CloseFast, HoldFingers)
+            any(isinstance(c, kind) for c in commands) for kind in (CloseToLimit, HoldFingers)
         )
         assert closes == (phase in CONTACT and not cut), phase
         assert holds or phase in CONTACT or cut, phase

@@ -17,7 +17,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from detector.decision import DecisionRule
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.driver import RegisterTransport
-from grasp.control.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import (
+    CloseToLimit,
+    GripperCommand,
+    HoldFingers,
+    MoveFingers,
+    OpenFingers,
+)
 from grasp.control.controller import GraspController
 from grasp.control.guard import GuardSettings
 from grasp.control.slip_monitor import SlipMonitor
@@ -161,7 +167,7 @@ class GraspUnderStress(RuleBasedStateMachine):
     @rule(
         command=st.one_of(
             st.builds(
-                CloseFast, st.floats(0, 100), st.tuples(*[st.booleans()] * 3),
+                CloseToLimit, st.floats(0, 100), st.tuples(*[st.booleans()] * 3),
                 st.tuples(*[st.integers(0, 255)] * 3), st.floats(0.01, 0.2),
             ),
             st.builds(
@@ -237,7 +243,9 @@ def test_force_bytes_keep_every_limit() -> None:
             commanded_n = limit_n + beyond_n
             wire.images.clear()
             at += 10  # so that there is something to write
-            loop.submit(CloseFast(max(commanded_n, 10.0), (True, True, True), (at, at, at), 0.11))
+            loop.submit(
+                CloseToLimit(max(commanded_n, 10.0), (True, True, True), (at, at, at), 0.11)
+            )
             loop.tick()
             assert wire.images, (limit_n, commanded_n)
             assert wire.highest_force_n() <= limit_n, (limit_n, commanded_n)

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.control.commands import CloseFast, StopArm
+from grasp.control.commands import CloseToLimit, StopArm
 from grasp.control.states import State
 from grasp.run.loop import Tick
 from scenarios.rigs.rig import Rig
@@ -99,7 +99,7 @@ def test_lost_closing_is_commanded_again() -> None:
             staged.on_tick = recover
 
         closed_again(staged, staged.run(in_phase(State.LIFT, 2), act))
-        closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
+        closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseToLimit)]
         assert len(closes) > 1
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.control.states import State
 from grasp.run.loop import Tick
 from scenarios.lift.scoring import LiftResult
@@ -21,9 +21,9 @@ def thumb_n(result: LiftResult) -> float:
     return result.peak_force_n["A"]
 
 
-def stages(ticks: list[Tick]) -> list[CloseFast]:
+def stages(ticks: list[Tick]) -> list[CloseToLimit]:
     sent = [i.admitted for t in ticks for i in t.issued]
-    return [c for c in sent if isinstance(c, CloseFast)]
+    return [c for c in sent if isinstance(c, CloseToLimit)]
 
 
 def test_response_closes_by_position_at_full_speed_then_slowly_to_the_force_limit() -> None:
@@ -132,7 +132,7 @@ def test_pending_closing_is_still_sent_after_an_interruption(
     staged = Staged("loop.decision_delay_s=0.03", *closing)
 
     def to_the_limit(tick: Tick) -> bool:
-        closings = [c for c in tick.decision.commands if isinstance(c, CloseFast)]
+        closings = [c for c in tick.decision.commands if isinstance(c, CloseToLimit)]
         return any(not c.first_stage for c in closings)
 
     trial = staged.run(to_the_limit, fault.interrupt)

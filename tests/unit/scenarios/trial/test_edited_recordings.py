@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from drivers.errors import BadFile
-from grasp.control.commands import CloseFast, OpenFingers
+from grasp.control.commands import CloseToLimit, OpenFingers
 from grasp.run.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES, TACTILE
 from grasp.run.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
@@ -48,7 +48,7 @@ def closing(messages: Messages) -> int:
     """Index of the first closing, the response to slip."""
     return next(
         i for i, (name, _, m) in enumerate(messages)
-        if name == COMMANDS and isinstance(m.admitted, CloseFast)
+        if name == COMMANDS and isinstance(m.admitted, CloseToLimit)
     )  # fmt: skip
 
 

@@ -104,7 +104,7 @@ def test_unexpected_exception_leaves_a_stationary_arm_and_a_closed_hand(
 
 def refuse_once(patch: pytest.MonkeyPatch, rig: Any, refused: list[bool]) -> None:
     """The next closing is refused, and noted."""
-    close = rig.devices.gripper.close_fast
+    close = rig.devices.gripper.close_to_limit
 
     def refuses_once(*asked: Any) -> Any:
         if not refused:
@@ -112,7 +112,7 @@ def refuse_once(patch: pytest.MonkeyPatch, rig: Any, refused: list[bool]) -> Non
             raise Refused("busy", "wait")
         return close(*asked)
 
-    patch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+    patch.setattr(type(rig.devices.gripper), "close_to_limit", lambda _, *a: refuses_once(*a))
 
 
 def test_refused_closing_is_repeated_without_the_control_step(

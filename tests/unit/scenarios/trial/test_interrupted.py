@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseFast, StopArm
+from grasp.control.commands import CloseToLimit, StopArm
 from grasp.control.states import END_STATES, SAFE_STATES, State
 from grasp.run import signals
 from grasp.run.loop import Tick
@@ -94,6 +94,6 @@ def test_slip_response_in_progress_is_completed() -> None:
 def test_grip_is_kept_unchanged(phase: State, settings: tuple[str, ...]) -> None:
     _, ticks = stopped_lift(None, phase, signal.SIGHUP, settings=settings)
     stopped = [t for t in ticks if t.decision.state is State.STOPPED]
-    assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)
+    assert not any(isinstance(c, CloseToLimit) for t in stopped for c in t.decision.commands)
     before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions
     assert all(b >= a for a, b in zip(before, after, strict=True))

@@ -11,7 +11,7 @@ import pytest
 from detector import network
 from detector.network import RuntimeNetwork, StreamingNetwork
 from detector.recordings import Recording
-from grasp.control.commands import CloseFast
+from grasp.control.commands import CloseToLimit
 from grasp.run.messages import CONTROL
 from grasp.run.recording import RunRecorder, RunRecording
 from scenarios.lift.lift import lift
@@ -137,7 +137,7 @@ def fingertip_strokes() -> Recording:
 def test_every_stroke_of_a_fingertip_recording_causes_one_closing() -> None:
     replay = replay_tactile(config(), fingertip_strokes())
     assert [finger for _, finger in replay.registered] == ["A", "A"]
-    sent = [(c.t_s, c.command) for c in replay.commands if isinstance(c.command, CloseFast)]
+    sent = [(c.t_s, c.command) for c in replay.commands if isinstance(c.command, CloseToLimit)]
     assert [command.first_stage for _, command in sent] == [True, False] * 2
     closings = [t_s for t_s, command in sent if command.first_stage]
     assert 1.2 < closings[0] < 1.4

@@ -27,9 +27,9 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
     driver, cap = client.driver, 18.0
     driver.move_to((30, 30, 30), FAST, cap)
     client.settle()
-    driver.close_fast(cap, (True, False, False), FAR, FAST)
+    driver.close_to_limit(cap, (True, False, False), FAR, FAST)
     client.settle()
-    driver.close_fast(cap, ALL, FAR, 0.05)
+    driver.close_to_limit(cap, ALL, FAR, 0.05)
     client.settle()
     driver.hold()
     client.settle()

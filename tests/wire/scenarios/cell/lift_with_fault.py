@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from grasp.cli.exits import code_of
-from grasp.control.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.control.states import AIRBORNE_STATES, State
 from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
@@ -223,8 +223,8 @@ class LiftWithFault:
 
     def _hand(self) -> str:
         for command, refused in self._sent:
-            if isinstance(command, CloseFast | HoldFingers):
-                verb = "closes" if isinstance(command, CloseFast) else "stays"
+            if isinstance(command, CloseToLimit | HoldFingers):
+                verb = "closes" if isinstance(command, CloseToLimit) else "stays"
                 return "refuses" if refused else verb
         return "not commanded"
 

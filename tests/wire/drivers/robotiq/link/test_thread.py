@@ -31,7 +31,7 @@ def script(gripper, rest) -> None:
     rest()
     gripper.move_to((60, 70, 80), 0.05, 12.0)
     rest()
-    gripper.close_fast(15.0, (True, False, True), (90, 90, 90), FAST)
+    gripper.close_to_limit(15.0, (True, False, True), (90, 90, 90), FAST)
     rest()
     gripper.hold()
     rest()

@@ -32,7 +32,9 @@ def child(body):
 
 def test_child_that_does_not_become_ready_is_killed():
     worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
-    (pid,) = workers()
+    while not (pids := workers()):  # until the new process has its command line
+        time.sleep(0.01)
+    (pid,) = pids
     with pytest.raises(LinkLost, match="did not start within"):
         worker.wait_ready(0.3)
     assert not os.path.exists(f"/proc/{pid}")
