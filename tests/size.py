@@ -1,6 +1,6 @@
 """Fails when the product has more lines than `product_lines` in pyproject.toml allows.
 
-Whoever adds lines removes others, or raises that number in a commit that says why.
+A change that adds lines removes others, or raises that number with the reason in its commit.
 """
 
 import sys

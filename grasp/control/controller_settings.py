@@ -48,7 +48,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.022, le=0.11, description="finger speed when closing onto the object")
     ] = 0.022
     grip_force_n: Annotated[
-        float, Meta(gt=0.0, le=60.0, description="force of the fingers in the first grasp")
+        float, Meta(gt=0.0, le=60.0, description="force of a first grasp at given counts")
     ] = 10.0
     closing_speed_mps: Annotated[
         float, Meta(ge=0.022, le=0.11, description="finger speed of the closing for slip")

@@ -1,8 +1,8 @@
 """GripMeasure: force and stiffness of a grip, measured with the fingertips while the hand rests.
 
 The thumb bears B + C, so the grip has two sides. On the table they may differ by its friction on
-the object. The larger side counts for the force, and its largest rise a motor count for the
-stiffness; the smaller side tells whether the object is held at all.
+the object. The largest rise a motor count is the stiffness; the smaller side tells whether the
+object is held at all.
 """
 
 import math
@@ -42,8 +42,8 @@ class Reading(msgspec.Struct, frozen=True):
         until the lift the larger one, because the table may hold the object, and where one side
         reads less than half of the other, because its fingertips may be at fault."""
         less_n, more_n = sorted(self.sides_n)
-        felt_n = (less_n + more_n) / 2 if self.in_air and less_n >= more_n / 2 else more_n
-        return max(felt_n, self.least_n)
+        both = self.in_air and less_n >= more_n / 2
+        return max((less_n + more_n) / 2 if both else more_n, self.least_n)
 
 
 class GripMeasure:

@@ -144,7 +144,7 @@ class Touch:
             silent = "finger A feels" if thumb_silent else "fingers B and C feel"
             return f"{silent} nothing, the other side {force_n:.1f} N", NOTHING_REMEDY
         if no_room:
-            text = f"one more count could exceed {self._limit_n:g} N: {force_n:.1f} N are felt, and"
+            text = f"one more count could exceed {self._limit_n:g} N: it bears {force_n:.1f} N, and"
             return f"{text} a count is {rise_n:.1f} N", STIFF_REMEDY
         if self._counts >= MOST_COUNTS:
             return f"{MOST_COUNTS} counts did not reach the first force", NOTHING_REMEDY

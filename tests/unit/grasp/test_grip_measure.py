@@ -17,21 +17,29 @@ class Hand:
         self.t_ns = 0
 
     def at(
-        self, positions: Counts3, sides_n: tuple[float, float], responsive: bool = True
+        self,
+        positions: Counts3,
+        sides_n: tuple[float, float],
+        responsive: bool = True,
+        risen: bool = True,
     ) -> GripMeasure:
         """Move there, then rest until there is a reading."""
         thumb_n, others_n = sides_n
         estimated_n: Vector3 = (thumb_n, others_n / 2, others_n / 2)
-        self._step(False, positions, estimated_n, responsive)
-        for _ in range(READ_NS // STEP_NS + 1):
-            self._step(True, positions, estimated_n, responsive)
+        for rests in (False, *[True] * (READ_NS // STEP_NS + 1)):
+            self._step(rests, positions, estimated_n, responsive, risen)
         return self.measure
 
     def _step(
-        self, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool
+        self,
+        rests: bool,
+        positions: Counts3,
+        estimated_n: Vector3,
+        responsive: bool,
+        risen: bool = True,
     ) -> None:
         self.t_ns += STEP_NS
-        self.measure.update(self.t_ns, rests, positions, estimated_n, responsive)
+        self.measure.update(self.t_ns, rests, positions, estimated_n, responsive, risen)
 
 
 def gripped(rise_n: float = 2.0) -> Hand:
@@ -141,3 +149,18 @@ def test_a_count_without_a_rise_is_no_stiffness() -> None:
     hand.at((0, 50, 50), (0.6, 0.6))
     still = hand.at((6, 50, 50), (0.62, 0.62))
     assert not still.measured and still.rise_n == GUESS_N
+
+
+@pytest.mark.parametrize(
+    ("sides_n", "risen", "force_n"),
+    [((6.0, 4.0), True, 5.0), ((6.0, 4.0), False, 6.0), ((6.0, 2.9), True, 6.0)],
+)
+def test_larger_side_counts_on_the_table_and_where_one_reads_less_than_half_of_the_other(
+    sides_n: tuple[float, float], risen: bool, force_n: float
+) -> None:
+    now = gripped(0.5).at((52, 50, 50), sides_n, risen=risen).now
+    assert now is not None and now.force_n == force_n
+
+
+def test_rise_on_the_table_after_the_first_grasp_lowers_no_stiffness() -> None:
+    assert gripped(3.0).at((52, 50, 50), (4.5, 4.5), risen=False).rise_n == pytest.approx(3.0)

@@ -7,7 +7,7 @@ from grasp.control.commands import GripperCommand, HoldFingers, MoveFingers
 from grasp.control.controller_settings import ControllerSettings
 from grasp.control.grip_measure import Reading
 from grasp.control.observation import Observation
-from grasp.control.touch import BRACE_COUNTS, CLOSED_COUNTS, SILENT_COUNTS, Touch
+from grasp.control.touch import BRACE_COUNTS, CLOSED_COUNTS, OTHERS_COUNTS, SILENT_COUNTS, Touch
 from tests.unit.grasp.builders import gripper, observation
 
 SETTINGS = ControllerSettings(first_grasp="touch", first_force_n=2.0, contact_n=0.3)
@@ -156,3 +156,24 @@ def test_thumb_that_a_weak_hand_latches_completes_the_grip() -> None:
     obs = hand.seen((0.9, 0.5, 0.5), rise_measured=False)
     hand.touch.update(msgspec.structs.replace(obs, gripper=rests))
     assert hand.touch.complete
+
+
+def test_one_side_presses_no_harder_than_its_share_while_the_other_feels_nothing() -> None:
+    hand = Hand().gripping((1.0, 0.2, 0.0))
+    assert isinstance(hand.resting((3.0, 0.2, 0.0)), MoveFingers)
+    assert hand.resting((4.2, 0.2, 0.0)) is None  # 0.6 of 10 N, less a count of 1.9 N
+    assert hand.touch.failed is not None
+    assert hand.touch.failed[0] == "fingers B and C feel nothing, the other side 4.2 N"
+
+
+def test_opposing_fingers_that_always_read_too_little_close_by_a_dozen_counts_at_most() -> None:
+    hand = Hand().gripping((1.0, 0.2, 0.2))
+    while hand.at[0] == 60:
+        assert isinstance(hand.resting((1.0, 0.2, 0.2), rise_n=0.5), MoveFingers)
+    assert sum(hand.at[1:]) - 60 == OTHERS_COUNTS
+
+
+def test_the_thumb_closes_once_the_force_is_reached_also_where_the_others_read_less() -> None:
+    hand = Hand().gripping((1.0, 0.5, 0.4))
+    assert hand.resting((3.0, 0.5, 0.4), rise_measured=False) is not None
+    assert hand.at == (61, 30, 30)
