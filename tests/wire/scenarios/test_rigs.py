@@ -74,6 +74,12 @@ def test_hardware_rig_with_a_cell_gives_the_outcome_without_ground_truth(
     ready.ask("place")
     done = ready.grasp(*hardware_lift(tmp_path), "--json")
     result = json.loads(done.out)
+    error, timing = result.get("error", {}), result.get("result", result)["timing"]
+    if (
+        "program on the arm controller has ended" in error.get("message", "")
+        and (timing["missed_periods"])
+    ):
+        pytest.skip("this machine stalled for longer than the arm's watchdog allows")
     assert done.code == 0, result
     assert (result["success"], result["outcome"]) == (True, "held")
     assert all(result[name] is None for name in TRUTH_FIELDS)
