@@ -236,7 +236,7 @@ class Reflex:
             refused.append(f"force {wanted.force_n:g} N: the hand's least is {self._least_n:g} N")
         targets, speed_mps = wanted.targets_counts, wanted.speed_mps
         force_n = max(wanted.force_n, self._least_n)
-        self._met = self._controller.touches(obs) or (self._met and not opens)
+        self._met = held or self._controller.touches(obs) or (self._met and not opens)
         if self._met:
             targets = _in_contact(targets, gripper, held)
             if targets == gripper.requested:
