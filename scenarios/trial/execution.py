@@ -322,7 +322,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no real device, and one of its steps may take longer than a second
-    with signals.watchdog(loop.abort) if rig.wall_time else nullcontext():
+    with signals.watched() if rig.wall_time else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
