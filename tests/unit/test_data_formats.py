@@ -8,16 +8,13 @@ from pathlib import Path
 import pytest
 
 from detector.recordings import Metadata
-from scenarios.acquire.acquire import AcquireResult
 from scenarios.acquire.datasets.disturbances import DisturbanceSettings
 from scenarios.acquire.datasets.plan import CauseRow, DatasetConfig
 from scenarios.benchmark.evaluation_file import DetectorEvaluation
 from scenarios.benchmark.run import DetectorResult
-from scenarios.benchmark.scoring import Scores
 from scenarios.campaign.worker import Row
 from scenarios.lift.scoring import LiftOutcome, LiftResult
 from scenarios.tap.scoring import TapOutcome, TapResult
-from scenarios.trial.final_state import FinalState
 from scenarios.trial.result import TrialResult
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -27,15 +24,12 @@ KEYS = {
     "lift and tap": TRIAL,
     "lift only": {*LiftResult.__struct_fields__} - TRIAL,
     "tap only": {*TapResult.__struct_fields__} - TRIAL,
-    "acquisition": {*AcquireResult.__struct_fields__},
-    "key of `end`": {*FinalState.__struct_fields__},
     "metadata": {*Metadata.__struct_encode_fields__},
     "key": {*DatasetConfig.__struct_fields__},
     "key of a cause": {*CauseRow.__struct_fields__},
     "key of `disturbances`": {*DisturbanceSettings.__struct_fields__},
     "column": {*Row.__struct_fields__},
     "key of a detector": {*DetectorEvaluation.__struct_fields__},
-    "key of `sheet`": {*Scores.__struct_fields__},
     "key of a result": {*DetectorResult.__struct_fields__},
 }
 
