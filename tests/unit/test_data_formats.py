@@ -10,8 +10,6 @@ import pytest
 from detector.recordings import Metadata
 from scenarios.acquire.datasets.disturbances import DisturbanceSettings
 from scenarios.acquire.datasets.plan import CauseRow, DatasetConfig
-from scenarios.benchmark.evaluation_file import DetectorEvaluation
-from scenarios.benchmark.run import DetectorResult
 from scenarios.campaign.worker import Row
 from scenarios.lift.scoring import LiftOutcome, LiftResult
 from scenarios.tap.scoring import TapOutcome, TapResult
@@ -29,8 +27,6 @@ KEYS = {
     "key of a cause": {*CauseRow.__struct_fields__},
     "key of `disturbances`": {*DisturbanceSettings.__struct_fields__},
     "column": {*Row.__struct_fields__},
-    "key of a detector": {*DetectorEvaluation.__struct_fields__},
-    "key of a result": {*DetectorResult.__struct_fields__},
 }
 
 
