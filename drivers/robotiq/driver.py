@@ -6,12 +6,12 @@ limit of the verb that made it, or byte 0, the least force of the hand.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from drivers.errors import Refused
-from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
+from drivers.interfaces import FINGERS, Applied, Counts3, Detection, Gripper, GripperState
 from drivers.robotiq.exchange import ACTIVATE, RESET, ExchangeStatistics, RegisterTransport
 from drivers.robotiq.hand_state import (
     POSITION_ERROR_COUNTS,
@@ -47,6 +47,9 @@ class RobotiqDriver(HandTracker):
     """
 
     # Verbs
+
+    def set_fallback(self, command: Callable[[Gripper], Applied] | None, text: str) -> None:
+        """Nothing: this driver has no thread of its own; `drivers.robotiq.link` has one."""
 
     def activate(self, dropping: bool = False) -> Applied:
         """Make the hand ready in basic mode.

@@ -62,8 +62,8 @@ class Observation(StepInput, kw_only=True):
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
     ``reading``, ``rise_n``, ``rise_measured``: of a grip by touch, see ``GripMeasure``.
-    ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
-    only recorded and shown, and takes longer than the detector itself.
+    ``motion``: reads the kind of slip, where the detector estimates it: once, at the latest before
+    the next step. It is only recorded and shown, and takes longer than the detector itself.
     """
 
     probabilities: NDArray[np.float64] = NO_SLIP
