@@ -2,7 +2,7 @@
 until it is confirmed.
 
 The commands depend on the cause (a fault, a stop by a person, a lost object) and on the state in
-which it occurred. The table is in docs/architecture.md, "Safe states".
+which it occurred. The table is in docs/force-limit.md, "Faults and reactions".
 """
 
 from collections.abc import Iterable
