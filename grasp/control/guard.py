@@ -1,7 +1,7 @@
 """ForceGuard: limits the force of every gripper command.
 
 *Commanded* force, the calibrated static force of each command to the gripper, is never above the
-limit, whatever the controller requests. *Measured* force, estimated from the fingertips 20-80 ms
+limit, whatever the controller requests. *Estimated* force, estimated from the fingertips 20-80 ms
 late, can only stop further closing: it cannot limit the force on a rigid object.
 
 Finger A, the thumb, opposes B and C, so it carries their sum. With `every_finger` the thumb
