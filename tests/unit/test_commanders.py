@@ -59,9 +59,10 @@ class CommanderRules:
         """Random events, and what the commander sends in each step."""
         raise NotImplementedError
 
-    @pytest.fixture(params=range(12))
-    def acts(self, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> list[Act]:
-        acts = list(self.play(request.param, monkeypatch))
+    @pytest.fixture(scope="class", params=range(12))
+    def acts(self, request: pytest.FixtureRequest) -> list[Act]:
+        with pytest.MonkeyPatch.context() as monkeypatch:
+            acts = list(self.play(request.param, monkeypatch))
         assert any(act.hand for act in acts), "a commander that commands nothing proves nothing"
         return acts
 
