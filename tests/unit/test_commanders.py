@@ -52,19 +52,21 @@ def opens(command: GripperCommand, at: Counts3) -> bool:
     return isinstance(command, OpenFingers)
 
 
+@pytest.fixture(scope="class", params=range(12))
+def acts(request: pytest.FixtureRequest) -> list[Act]:
+    """One play of the commander whose tests these are."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        acts = list(request.cls().play(request.param, monkeypatch))
+    assert any(act.hand for act in acts), "a commander that commands nothing proves nothing"
+    return acts
+
+
 class CommanderRules:
     """Inherited by the tests of each commander."""
 
     def play(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Act]:
         """Random events, and what the commander sends in each step."""
         raise NotImplementedError
-
-    @pytest.fixture(scope="class", params=range(12))
-    def acts(self, request: pytest.FixtureRequest) -> list[Act]:
-        with pytest.MonkeyPatch.context() as monkeypatch:
-            acts = list(self.play(request.param, monkeypatch))
-        assert any(act.hand for act in acts), "a commander that commands nothing proves nothing"
-        return acts
 
     def test_no_command_has_more_force_than_the_limit(self, acts: list[Act]) -> None:
         for command in (command for act in acts for command in act.hand):
