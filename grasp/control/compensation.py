@@ -36,7 +36,9 @@ class Compensation:
         ignored = self._settings.hold_by_clock and obs.at_limit
         if lost and obs.at_limit:
             return lose("contact lost, and the thumb can close no further")
-        if self._settings.reactions and (lost or (slip.registered and not ignored)):
+        if not self._settings.reactions:
+            return None
+        if lost or (slip.registered and not ignored):
             registered = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
             cause = "contact lost" if lost else registered
             return Transition(Trigger.SLIP, cause, response.begin(obs, rising, lost))

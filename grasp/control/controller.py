@@ -66,7 +66,9 @@ class GraspController:
         self._run_monitor = RunMonitor(settings, self._timer, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
-        self._slip = Compensation(settings, monitor, self._contact, self._timer, self.response)
+        self._compensation = Compensation(
+            settings, monitor, self._contact, self._timer, self.response
+        )
         by_touch = settings.first_grasp == "touch"
         self._touch = Touch(settings, plan.force_limit_n) if by_touch else None
         self._firm = False  # the closing to the force limit has been commanded
@@ -135,9 +137,13 @@ class GraspController:
         if transition and trigger:
             commands = self._enter(obs, trigger, transition)
         return Decision(
-            self.state, self.slip_monitor.status, commands,
-            trigger in RESETTING, trigger is Trigger.READY, self.finished,
-        )  # fmt: skip
+            self.state,
+            self.slip_monitor.status,
+            commands,
+            reset_detector=trigger in RESETTING,
+            first_grasp=trigger is Trigger.READY,
+            finished=self.finished,
+        )
 
     def _transition(self, obs: Observation, state: State) -> Transition | None:
         """What the supervisor of a safe state, the run's checks or the state's handler decide."""
@@ -167,7 +173,7 @@ class GraspController:
         """Commands if no further step is possible: of the safe state entered, else of a fault."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
-            hand = self._abort_state.hand_commands(self.response.closing_at_least_speed())
+            hand = self._abort_state.hand_commands(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def unconfirmed_parts(self, obs: Observation) -> Unconfirmed:
@@ -251,7 +257,7 @@ class GraspController:
         cause = "fingers rest at their positions"
         if self._settings.firm and not self._firm:
             self._firm = True
-            return Transition(Trigger.TIGHTEN, cause, (self.response.closing_at_least_speed(),))
+            return Transition(Trigger.TIGHTEN, cause, (self.response.slow_closing(),))
         cause = "the thumb stopped at the force limit" if self._firm else cause
         return Transition(Trigger.GRIPPED, cause)
 
@@ -322,13 +328,13 @@ class GraspController:
     # In the air
 
     def _lift(self, obs: Observation) -> Transition | None:
-        if response := self._slip.begin(obs, rising=True):
-            return response
+        if transition := self._compensation.begin(obs, rising=True):
+            return transition
         arrived = self._line.stopped_at(obs, self._settings.lift_height_m)
         return Transition(Trigger.AT_TOP, "arm at the top") if arrived else None
 
     def _compensate(self, obs: Observation) -> Transition | None:
-        decided = self._slip.update(obs)
+        decided = self._compensation.update(obs)
         if decided and decided.trigger is Trigger.LOWER:
             self.limit_reached = True
             return self._lower(decided.cause)
@@ -347,8 +353,8 @@ class GraspController:
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
         futile = held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS and obs.closing_exhausted
-        if not (over or futile) and (response := self._slip.begin(obs, rising=False)):
-            return response
+        if not (over or futile) and (transition := self._compensation.begin(obs, rising=False)):
+            return transition
         if not (over or futile or set_down or self._lasted(obs, s.hold_s)):
             return None
         self.alarm_stayed = self.slip_monitor.status.registered

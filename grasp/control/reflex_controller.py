@@ -52,7 +52,9 @@ class ReflexController:
         self._timer = StateTimer()
         self._run_monitor = RunMonitor(settings, self._timer, self._contact)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
-        self._slip = Compensation(settings, monitor, self._contact, self._timer, self.response)
+        self._compensation = Compensation(
+            settings, monitor, self._contact, self._timer, self.response
+        )
         self._positions: Counts3 | None = None  # at the sample before
         self._reset_detector = False
         self._handlers: dict[State, Callable[[Observation], Transition | None]] = {
@@ -97,9 +99,12 @@ class ReflexController:
             )
             commands = self._supervisor.request(obs)
         return Decision(
-            self.state, self.slip_monitor.status, commands,
-            self._reset_detector, trigger is Trigger.SETTLED,
-        )  # fmt: skip
+            self.state,
+            self.slip_monitor.status,
+            commands,
+            reset_detector=self._reset_detector,
+            first_grasp=trigger is Trigger.SETTLED,
+        )
 
     def touches(self, obs: Observation) -> bool:
         """Whether any finger is in contact, by its fingertip or, as that may be silent, by the
@@ -149,10 +154,10 @@ class ReflexController:
         if moved and not obs.hand_rests:  # the policy closes it, and that shakes the pads
             self.slip_monitor.closing(obs.t_ns)
             return None
-        return self._slip.begin(obs, rising=obs.arm.moving)
+        return self._compensation.begin(obs, rising=obs.arm.moving)
 
     def _compensate(self, obs: Observation) -> Transition | None:
-        decided = self._slip.update(obs)
+        decided = self._compensation.update(obs)
         if decided and decided.trigger is Trigger.LOWER:
             self.limit_reached = True
             return None

@@ -8,7 +8,7 @@ import math
 from enum import Enum, auto
 
 from grasp.control.commands import OpenFingers, StopArm
-from grasp.control.contact_estimator import ContactEstimator, thumb_n
+from grasp.control.contact_estimator import ContactEstimator, grip_force_n
 from grasp.control.controller_settings import ControllerSettings
 from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.control.observation import Observation
@@ -123,7 +123,7 @@ class SetDown:
             return None
         rest_ns = obs.t_ns - still_ns
         if rest_ns >= STILL_NS / 2:
-            self._still_grips_n.append(thumb_n(obs))
+            self._still_grips_n.append(grip_force_n(obs))
         return sum(self._still_grips_n) / len(self._still_grips_n) if rest_ns >= STILL_NS else None
 
     @property

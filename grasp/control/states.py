@@ -74,8 +74,8 @@ SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # without tra
 UNTARED_STATES = SAFE_STATES | {State.START, State.HOME, State.SHAPE}
 
 # names of the top level, each for all states in it
-AIRBORNE = ("lift", "compensate", "hold", "lower")
-RUNNING = ("approach", "grasp", *AIRBORNE, "release", "done")
+LIFTED = ("lift", "compensate", "hold", "lower")
+RUNNING = ("approach", "grasp", *LIFTED, "release", "done")
 
 Transitions = tuple[tuple[Trigger, tuple[str, ...], State], ...]  # trigger, from, to
 
@@ -98,7 +98,7 @@ TRANSITIONS: Transitions = (
     (Trigger.KEEP, (State.HOLD,), State.KEPT),
     (Trigger.OPENED, (State.OPEN,), State.RETREAT),
     (Trigger.CLEAR, (State.RETREAT,), State.SET_DOWN),
-    (Trigger.LOSE, AIRBORNE, State.LOST),
+    (Trigger.LOSE, LIFTED, State.LOST),
     (Trigger.STOP, RUNNING, State.STOPPED),
     (Trigger.FAIL, RUNNING, State.FAULT),
 )

@@ -21,6 +21,7 @@ from grasp.control.commands import (
 )
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.guard import ForceGuard, GuardSettings
+from grasp.control.slip_response import RESPONSES
 from grasp.control.states import SAFE_STATES, State
 from grasp.control.step import GraspStep
 from grasp.policy_reflex import AT_REST, PolicyCommand
@@ -98,9 +99,12 @@ def anything(rng: np.random.Generator) -> Any:
 
 class TestController(CommanderRules):
     def play(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Act]:
-        rng, responses = np.random.default_rng(seed), ("stop_and_close", "close", "stop_and_step")
+        rng, response = np.random.default_rng(seed), tuple(RESPONSES)[seed % len(RESPONSES)]
         d = Driver(
-            hold_s=0.2, grip_force_n=60.0, firm=seed % 4 == 3, slip_response=responses[seed % 3]
+            hold_s=0.2,
+            grip_force_n=60.0,
+            firm=seed % 4 == 3,
+            slip_response=response,
         )
         guard = ForceGuard(GuardSettings(), 2.0, Stiffness(1.9))
         step = GraspStep(SimpleNamespace(), d.controller, guard)  # type: ignore[arg-type]

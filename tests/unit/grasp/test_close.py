@@ -49,8 +49,8 @@ def test_unknown_contact_position_gives_one_stage(lost: bool, safe_travel: Any) 
 
 def test_constant_closing_has_one_stage_and_one_speed() -> None:
     constant = response(closing="constant")
-    assert constant.closing(hand()) == constant.closing_at_least_speed() == AT_ONCE
-    assert response().closing_at_least_speed() == SLOWLY
+    assert constant.closing(hand()) == constant.slow_closing() == AT_ONCE
+    assert response().slow_closing() == SLOWLY
 
 
 @pytest.mark.parametrize(("thumb", "expected"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
