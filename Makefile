@@ -11,7 +11,7 @@
 # make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
 #                                        make test-ros      the ROS 2 node, with rclpy
 # make clean     remove what make made               make test-browser  pages, in a Chromium
-# make results   every measured figure: docs/results.md and results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
+# make results   every measured figure: docs/results.md and studies/results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
 # make docs      the site, into build/site           make install-charts, -train, -cluster, -ros  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
@@ -211,4 +211,4 @@ lock:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist mutants
-	find grasp drivers detector scenarios scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find grasp drivers detector scenarios studies tests -name __pycache__ -type d -prune -exec rm -rf {} +

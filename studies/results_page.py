@@ -1,4 +1,4 @@
-"""The page docs/results.md and its charts, from results/*.csv and texts of studies/results.toml."""
+"""The page docs/results.md and its charts, from CSV files and the texts of studies/results.toml."""
 
 import csv
 import io
@@ -89,7 +89,7 @@ class Kept:
 
     def __init__(self, root: Path) -> None:
         self.page, self.figures, self.folder = (
-            root / "docs/results.md", root / "docs/figures", root / "results"
+            root / "docs/results.md", root / "docs/figures", root / "studies/results"
         )  # fmt: skip
         for each in (self.figures, self.folder):
             each.mkdir(parents=True, exist_ok=True)
@@ -141,7 +141,7 @@ class Kept:
                                  check=False)  # fmt: skip
             return run.stdout.strip()
 
-        ours = ("--", ".", ":!results", ":!docs")
+        ours = ("--", ".", ":!studies/results", ":!docs")
         changed = git("status", "--porcelain", "--untracked-files=no", *ours)
         return (git("rev-parse", "--short=10", "HEAD") or "unknown") + "-changed" * bool(changed)
 
@@ -208,7 +208,7 @@ def lanes_table() -> str:
         "evidence": ["faults injected into simulated lifts", "changed lines of the safety code"],
         "cases": [total(faults, "runs"), total(mutants, "mutants")],
         "failed": [total(faults, "failures"), total(mutants, "survived")],
-        "data": ["`results/faults.csv`", "`results/mutants.csv`"],
+        "data": ["`studies/results/faults.csv`", "`studies/results/mutants.csv`"],
         "command": ["`make test-faults`", "`make test-mutation`"],
     })  # fmt: skip
 
