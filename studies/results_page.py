@@ -7,7 +7,6 @@ import math
 import subprocess
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -240,10 +239,7 @@ class Scored(msgspec.Struct, frozen=True):
 
 
 def charts(kept: Kept) -> None:
-    """Draw the charts of the parts that are there; needs the extra `charts`."""
-    if find_spec("matplotlib") is None:
-        print("without charts, which need the extra `charts` (make install-charts)")
-        return
+    """Draw the charts of the parts that are there."""
     scores, lifts, points = (
         kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )

@@ -1,4 +1,4 @@
-"""Exports a recorded trial as CSV, or as a plot (extra `charts`), for `grasp export`."""
+"""Exports a recorded trial as CSV, or as a plot (extra `exports`), for `grasp export`."""
 
 import csv
 import io

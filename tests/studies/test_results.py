@@ -41,12 +41,9 @@ def kept(root: Path) -> Kept:
 
 def test_rows_of_a_csv_file_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert kept(tmp_path).rows("lifts") == ROWS
-    assert (
-        (tmp_path / "studies/results/lifts.csv")
-        .read_text()
-        .startswith("item,measure,value,low,high,n")
-    )
-    assert json.loads((tmp_path / "studies/results/run.json").read_text())["lifts"]["seconds"] == 90
+    folder = tmp_path / "studies/results"
+    assert (folder / "lifts.csv").read_text().startswith("item,measure,value,low,high,n")
+    assert json.loads((folder / "run.json").read_text())["lifts"]["seconds"] == 90
 
 
 def test_page_is_made_from_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
