@@ -5,20 +5,18 @@ import secrets
 import socket
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from detector.decision import fused
 from detector.loading import motion_reader
-from drivers.interfaces import FINGER_NAMES, FINGERS
+from drivers.interfaces import FINGERS
 from grasp.control.controller import GraspController
 from grasp.run.loop import Tick
 from grasp.run.viewer_process import ViewerProcess
 from scenarios.report import live_server as server
 from scenarios.report.live_server import Begin, Note, Row, Serve
-from scenarios.report.run_view import View, bound_of, scene, taxels_of
+from scenarios.report.run_view import View, bound_of, page_data, taxels_of
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.foxglove import taxel_places
 from scenarios.world.truth import Truth
 
 Values = list[float | None]
@@ -70,14 +68,9 @@ class LiveTrials:
             *(OF_MOTION if self._motion else []),
             *(OF_TRUTH if self._truth else []),
         ]  # fmt: skip
-        return {
-            "fingers": FINGER_NAMES,
-            "taxels": taxel_places(config.fingertip.taxels_mm, self._taxels),
-            "limit_n": config.guard.force_limit_n,
-            "rule": msgspec.to_builtins(self._bound),
-            "columns": columns,
-            "scene": scene(config, height_m, height_m + config.controller.lift_height_m),
-        }
+        top_m = height_m + config.controller.lift_height_m
+        data = page_data(config, self._bound, self._taxels, height_m, top_m)
+        return data | {"columns": columns}
 
     def _values(self, tick: Tick, truth: Truth | None) -> Values:
         """The columns of ``_data``, in their order."""
