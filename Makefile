@@ -11,8 +11,8 @@
 # make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
 #                                        make test-ros      the ROS 2 node, with rclpy
 # make clean     remove what make made               make test-browser  pages, in a Chromium
-# make results   every measured figure: docs/results.md and results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
-# make docs      the site, into build/site           make install-charts, -train, -cluster, -ros  extras
+# make results   every measured figure: docs/results.md and studies/results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
+# make docs      the site, into build/site           make install-exports, -train, -cluster, -ros  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -30,27 +30,16 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install -qq
 MADE := .venv/.made-in
 BASE := .venv/.installed-base
-DEV := .venv/.installed-dev
-TRAIN := .venv/.installed-train
-CLUSTER := .venv/.installed-cluster
-CHARTS := .venv/.installed-charts
-EXPORTS := .venv/.installed-exports
-ROS := .venv/.installed-ros
-DOCS := .venv/.installed-docs
+EXTRAS := dev exports train cluster ros docs
 PYTHON ?= python3.12 python3.11 python3.13 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-exports install-train install-cluster install-ros docs lift test test-unit test-wire test-all test-nightly \
-        test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
-        test-train test-cluster test-browser test-ros bench results check check-style check-types check-imports check-size lock clean
+.PHONY: install $(EXTRAS:%=install-%) docs lift test test-all test-nightly test-faults test-chaos \
+        test-soak test-fuzz test-mutation test-studies test-train test-cluster test-browser test-ros \
+        bench results check check-style check-types check-imports check-size lock clean
 
 install: $(BASE)
-install-dev: $(DEV)
-install-charts: $(CHARTS)
-install-exports: $(EXPORTS)
-install-train: $(TRAIN)
-install-cluster: $(CLUSTER)
-install-ros: $(ROS)
+$(EXTRAS:%=install-%): install-%: .venv/.installed-%
 
 # A name on the PATH proves nothing (a version manager leaves names that only print an error), so
 # each candidate is run. The stamp holds the checkout's path: a copied .venv would run the original.
@@ -78,44 +67,15 @@ $(BASE): $(MADE) requirements/base.txt pyproject.toml
 	@$(BIN)/python -m grasp.cli.compiling
 	@touch $@
 
-$(DEV): $(BASE) requirements/dev.txt
-	@echo "installing requirements/dev.txt"
-	@$(PIP) --require-hashes -r requirements/dev.txt
-	@touch $@
-
 # torch's file differs from place to place (CPU or CUDA build), so it has a version and no hash.
-$(TRAIN): $(DEV) requirements/train.txt
-	@echo "installing requirements/train.txt"
-	@$(PIP) -r requirements/train.txt
+$(EXTRAS:%=.venv/.installed-%): .venv/.installed-%: requirements/%.txt $(BASE)
+	@echo "installing $<"
+	@$(PIP) $(if $(filter train,$*),,--require-hashes) -r $<
 	@touch $@
-
-$(CLUSTER): $(DEV) requirements/cluster.txt
-	@echo "installing requirements/cluster.txt"
-	@$(PIP) --require-hashes -r requirements/cluster.txt
-	@touch $@
-
-$(ROS): $(DEV) requirements/ros.txt
-	@echo "installing requirements/ros.txt"
-	@$(PIP) --require-hashes -r requirements/ros.txt
-	@touch $@
-
-$(CHARTS): $(BASE) requirements/charts.txt
-	@echo "installing requirements/charts.txt"
-	@$(PIP) --require-hashes -r requirements/charts.txt
-	@touch $@
-
-$(EXPORTS): $(BASE) requirements/exports.txt
-	@echo "installing requirements/exports.txt"
-	@$(PIP) --require-hashes -r requirements/exports.txt
-	@touch $@
-
-$(DOCS): $(BASE) requirements/docs.txt
-	@echo "installing requirements/docs.txt"
-	@$(PIP) --require-hashes -r requirements/docs.txt
-	@touch $@
+$(patsubst %,.venv/.installed-%,train cluster ros): .venv/.installed-dev
 
 # warnings are errors (mkdocs.yml); nothing of ours is run, docstrings are read
-docs: $(DOCS)
+docs: install-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -P -m mkdocs build --strict --clean
 	@echo "$(CURDIR)/build/site/index.html"
 
@@ -147,10 +107,6 @@ WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores + 1 : 8)))
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 test: check
 	$(PYTEST)
-test-unit: install-dev
-	$(PYTEST) tests/unit
-test-wire: install-dev
-	$(PYTEST) tests/wire
 
 # each lane has its own target
 LANES := test-nightly test-studies test-faults test-chaos test-soak test-fuzz test-mutation test-browser test-cluster test-ros test-train
@@ -184,14 +140,14 @@ test-fuzz: install-dev
 	$(NIGHTLY)/fuzz
 test-mutation: install-dev
 	$(BIN)/python -m tests.nightly.mutation
-test-studies: install-dev install-charts
+test-studies: install-dev
 	$(PYTEST) -m study tests/studies
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s
 
 # runs the parts that are missing; AGAIN=1 runs all again, ONLY="campaign hands" these
-results: install-dev install-charts
+results: install-dev
 	$(BIN)/python -m studies results $(if $(AGAIN)$(ONLY),--again) $(if $(ONLY),--only $(ONLY)) $(if $(REAL),--real $(REAL)) $(if $(JOBS),--jobs $(JOBS))
 
 # One resolution for all Pythons and platforms; base is held to what dev found, train to both.
@@ -199,9 +155,8 @@ UV ?= uv
 COMPILE := $(UV) pip compile --quiet --upgrade --universal --python-version 3.11 --fork-strategy fewest --no-header
 lock:
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pip install uv, or make lock UV=/path/to/uv" >&2; exit 1; }
-	$(COMPILE) --generate-hashes --extra charts --extra dev --group build pyproject.toml -o requirements/dev.txt
+	$(COMPILE) --generate-hashes --extra dev --group build pyproject.toml -o requirements/dev.txt
 	$(COMPILE) --generate-hashes --group build pyproject.toml -c requirements/dev.txt -o requirements/base.txt
-	$(COMPILE) --generate-hashes --extra charts --group build pyproject.toml -c requirements/dev.txt -o requirements/charts.txt
 	$(COMPILE) --generate-hashes requirements/docs.in -c requirements/dev.txt -o requirements/docs.txt
 	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
 	$(COMPILE) --generate-hashes --extra ros --extra exports --group build pyproject.toml -c requirements/dev.txt -o requirements/ros.txt
@@ -211,4 +166,4 @@ lock:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist mutants
-	find grasp drivers detector scenarios scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find grasp drivers detector scenarios studies tests -name __pycache__ -type d -prune -exec rm -rf {} +

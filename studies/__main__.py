@@ -7,20 +7,19 @@ from pkgutil import iter_modules
 
 import studies
 from drivers.errors import GraspError
-from studies import results, runner
+from studies import make_results, runner
 
-NOT_STUDIES = ("__main__", "runner", "auxiliary_training")
-RESULTS = "results"  # runs studies; none itself, as its other modules
+RESULTS = "results"  # runs studies; none itself
+NOT_STUDIES = (
+    "__main__", "runner", "auxiliary_training",
+    "make_results", "results_detectors", "results_page", "results_run",
+)  # fmt: skip
 
 
 def names() -> list[str]:
     """All modules that declare a study."""
     found = iter_modules(studies.__path__)
-    return [
-        m.name
-        for m in found
-        if not (m.ispkg or m.name in NOT_STUDIES or m.name.startswith(RESULTS))
-    ]
+    return [m.name for m in found if not (m.ispkg or m.name in NOT_STUDIES)]
 
 
 def main(words: list[str]) -> int:
@@ -30,11 +29,11 @@ def main(words: list[str]) -> int:
         print("usage: python -m studies NAME [--help]\n")
         for each in names():
             print(f"  {each:22} {import_module(f'studies.{each}').STUDY.summary}")
-        print(f"  {RESULTS:22} {results.SUMMARY}")
+        print(f"  {RESULTS:22} {make_results.SUMMARY}")
         return 0 if name in ("-h", "--help") else 2
     try:
         if name == RESULTS:
-            return results.main(words[1:])
+            return make_results.main(words[1:])
         return runner.main(name, import_module(f"studies.{name}").STUDY, words[1:])
     except GraspError as error:
         print(f"{error.message}; {error.remedy}", file=sys.stderr)

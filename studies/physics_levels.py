@@ -31,7 +31,7 @@ ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # of the cost comparison
 FLOOR_MM = 1e-6  # the chart shows smaller errors as this
 REPEATS = 5  # the shortest time counts
 COLOURS = {
-    "L1": "#1f5f99", "L2": "#3a7d44", "L3": "#8a6fb0", "L4": "#c2571a", "MuJoCo": "#888888",
+    "L1": "#1f5f99", "L3": "#8a6fb0", "L4": "#c2571a", "MuJoCo": "#888888",
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -29,9 +29,7 @@ from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
 from studies.paper_tables import PAPER_METHODS
 from studies.results_page import ACCURACY, AT_BEST, Made, Row, between, median, percent
-
-if TYPE_CHECKING:
-    from studies.results import Run
+from studies.results_run import Run
 
 Z, RESAMPLES = 1.96, 300
 
@@ -56,7 +54,7 @@ def alarms(item: str, made: Contender, judged: Sequence[EventOutcomes]) -> Row:
     return between(item, "false alarms a minute", n, ends, n, 60.0 / seconds)
 
 
-def detectors(run: "Run") -> Made:
+def detectors(run: Run) -> Made:
     """The paper's Table II."""
     test, thresholds = str(run.data("paper")), str(run.data("thresholds"))
     names = run.settings.detectors
@@ -138,7 +136,7 @@ def update_cost(name: str, updates: int = 3000) -> Row:
     return median(name, "one update, ms", quantiles(spent_ms[updates // 10 :]))
 
 
-def benchmark(run: "Run") -> Made:
+def benchmark(run: Run) -> Made:
     """`grasp benchmark` of all detectors on the split `test`."""
     real = ("--recording", str(run.real)) if run.real else ()
     (run.folder / FILE).unlink(missing_ok=True)  # maybe of another version

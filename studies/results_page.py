@@ -1,4 +1,4 @@
-"""The page docs/results.md and its charts, from results/*.csv and texts of studies/results.toml."""
+"""The page docs/results.md and its charts, from CSV files and the texts of studies/results.toml."""
 
 import csv
 import io
@@ -7,7 +7,6 @@ import math
 import subprocess
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +89,7 @@ class Kept:
 
     def __init__(self, root: Path) -> None:
         self.page, self.figures, self.folder = (
-            root / "docs/results.md", root / "docs/figures", root / "results"
+            root / "docs/results.md", root / "docs/figures", root / "studies/results"
         )  # fmt: skip
         for each in (self.figures, self.folder):
             each.mkdir(parents=True, exist_ok=True)
@@ -142,7 +141,7 @@ class Kept:
                                  check=False)  # fmt: skip
             return run.stdout.strip()
 
-        ours = ("--", ".", ":!results", ":!docs")
+        ours = ("--", ".", ":!studies/results", ":!docs")
         changed = git("status", "--porcelain", "--untracked-files=no", *ours)
         return (git("rev-parse", "--short=10", "HEAD") or "unknown") + "-changed" * bool(changed)
 
@@ -211,7 +210,7 @@ def lanes_table() -> str:
         "evidence": ["faults injected into simulated lifts", "changed lines of the safety code"],
         "cases": [total(faults, "runs"), total(mutants, "mutants")],
         "failed": [total(faults, "failures"), total(mutants, "survived")],
-        "data": ["`results/faults.csv`", "`results/mutants.csv`"],
+        "data": ["`studies/results/faults.csv`", "`studies/results/mutants.csv`"],
         "command": ["`make test-faults`", "`make test-mutation`"],
     })  # fmt: skip
 
@@ -243,10 +242,7 @@ class Scored(msgspec.Struct, frozen=True):
 
 
 def charts(kept: Kept) -> None:
-    """Draw the charts of the parts that are there; needs the extra `charts`."""
-    if find_spec("matplotlib") is None:
-        print("without charts, which need the extra `charts` (make install-charts)")
-        return
+    """Draw the charts of the parts that are there."""
     scores, lifts, points = (
         kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )

@@ -152,7 +152,7 @@ def _stored(path: Path, row: type[Row]) -> dict[str, Row]:
 
 
 def draw(study: Study[Any, Row], rows: Sequence[Row], out: Path) -> None:
-    """Draw the chart of a study; needs the extra `charts`. Raises OSError."""
+    """Draw the chart of a study; needs the extra `exports`. Raises OSError."""
     if study.chart is None:
         return
     import matplotlib as mpl

@@ -7,7 +7,6 @@ friction then carries the weight.
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -37,7 +36,6 @@ AIR_M = 0.005  # off the table
 FEASIBLE = 0.95  # of the force limit; no response holds an object that needs more
 ALARM_NS = 100_000_000  # duration of a false alarm
 WET_M = 0.1  # lower end of the object's wet patch
-SLIP_TOP_MM = 20.0
 
 
 class Policy(msgspec.Struct, frozen=True):
@@ -123,7 +121,6 @@ def options(parser: Parser) -> None:
     add_trials(parser, seeds=20)
     parser.add_argument("--scenes", choices=SCENES, default="all")
     parser.add_argument("--policies", nargs="+", metavar="NAME", help="quoted (default: all)")
-    parser.add_argument("--rig", choices=("simulated", "emulated"), default="simulated")
 
 
 def grid(args: argparse.Namespace) -> list[Task]:
@@ -131,11 +128,9 @@ def grid(args: argparse.Namespace) -> list[Task]:
     chosen = args.policies or known
     if unknown := set(chosen) - known.keys():
         raise UsageError(f"no policy {min(unknown)!r}", f"one of: {', '.join(map(repr, known))}")
-    # an emulated world runs in another process, so the study cannot change its friction
-    scenes = [s for s in SCENES[args.scenes] if args.rig == "simulated" or s.wet == 1.0]
     return [
         Task(configured(name, scene, known[policy], args), known[policy], scene, seed)
-        for scene in scenes
+        for scene in SCENES[args.scenes]
         for policy in chosen
         for name in args.objects
         for seed in seeds_of(args)
@@ -144,7 +139,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 def configured(name: str, scene: Scene, policy: Policy, args: argparse.Namespace) -> LiftConfig:
     """Settings of an object in a scene under a policy; they override the user's."""
-    base = name, args.rig, args.detector, args.config
+    base = name, "simulated", args.detector, args.config
     body = load_config(*base, (*args.set, *policy.settings)).object
     scaled = (
         f"object.friction_static={body.friction_static * scene.friction}",
@@ -217,7 +212,7 @@ class Observer:
 
 def trial(task: Task) -> Row:
     config, scene = task.config, task.scene
-    with open_rig(config.built_for(task.seed), task.seed, paced=config.rig != "simulated") as rig:
+    with open_rig(config.built_for(task.seed), task.seed, paced=False) as rig:
         observer = Observer(scene, rig)
         plain = Oracle(rig) if task.policy.oracle else config.make_detector(FINGERS)
         detector = FalseAlarms(plain, rig.clock, scene.alarms, task.seed)
@@ -285,20 +280,5 @@ def table(rows: Sequence[Row]) -> str:
     return f"{markdown(first)}\n\n{markdown(second)}"
 
 
-def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Force against slip in the configured scene, one cross per policy."""
-    panel = figure.subplots()
-    for (scene, policy), cell in _cells(rows).items():
-        force, slip = _force_over_least(cell), quantiles(row.slip_mm for row in cell)
-        if scene == BASE and force is not None and slip is not None:
-            colour = f"C{[policy.name for policy in POLICIES].index(policy)}"
-            top = min(slip.p90, 2 * SLIP_TOP_MM)
-            panel.plot([force.p10, force.p90], [slip.p50] * 2, c=colour, label=policy)
-            panel.plot([force.p50] * 2, [slip.p10, top], c=colour)
-    panel.set(ylim=(0, SLIP_TOP_MM), xlabel="force at the thumb over the least (median, 10-90 %)",
-              ylabel="slip, mm (median, 10-90 %)")  # fmt: skip
-    panel.legend(*panel.get_legend_handles_labels(), fontsize=7)
-
-
 STUDY = Study("slip, force and success by the response to slip, also in harder lifts",
-              grid, trial, Row, table, chart, options, (10.0, 5.0))  # fmt: skip
+              grid, trial, Row, table, options=options)  # fmt: skip

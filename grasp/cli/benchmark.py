@@ -152,9 +152,9 @@ def _shown(hidden: bool) -> Iterator[Any]:
 
 
 def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
-    """Draw the chart if the extra `charts` is installed; returns its path."""
+    """Draw the chart if the extra `exports` is installed; returns its path."""
     if find_spec("matplotlib") is None:
-        exits.print_detail("no chart: it needs the extra `charts` (make install-charts)")
+        exits.print_detail("no chart: it needs the extra `exports` (make install-exports)")
         return []
     from scenarios.report.benchmark_chart import draw_benchmark
 

@@ -144,9 +144,9 @@ def _add_recordings(root: Parser) -> None:
     export = root.command("export", "export runs or a campaign as a table, a plot or a data "
         "set", ". csv: one row per control step, of a campaign per trial. svg: force, slip "
         "probability and slip distance over time (--out: also .png, .pdf); gif: the first slip in "
-        "slow motion (both: extra `charts`). layout: for Foxglove and Lichtblick. lerobot: a data "
+        "slow motion. layout: for Foxglove and Lichtblick. lerobot: a data "
         "set for LeRobot, one episode per RUN; rosbag: a ROS 2 bag with the topics of the node "
-        "(both: a folder; extra `exports`).",
+        "(both: a folder). csv and layout need no extra, the others `exports`.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/*-lift-can --to lerobot --out cans",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip

@@ -217,7 +217,7 @@ def _campaign_file(file: Path) -> tuple[Path, str, str]:
 
 
 def _draw(run: Path, out: Path | None, to: str) -> Path:
-    need("charts", "matplotlib")
+    need("exports", "matplotlib")
     from scenarios.report.animation import animate_run
     from scenarios.report.export import draw_run
     from scenarios.trial.run_folder import RECORDING, find_recording

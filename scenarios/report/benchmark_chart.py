@@ -1,4 +1,4 @@
-"""The chart of a benchmark: needs the extra `charts`."""
+"""The chart of a benchmark: needs the extra `exports`."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Exports a recorded trial as CSV, or as a plot (extra `charts`), for `grasp export`."""
+"""Exports a recorded trial as CSV, or as a plot (extra `exports`), for `grasp export`."""
 
 import csv
 import io
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
@@ -51,17 +52,12 @@ def _columns(run: RunRecord) -> dict[str, Floats]:
         for k in range(run.counts.shape[2]):
             found[f"taxel_{name}{k}_counts"] = run.counts[:, i, k]
     if (motion := run.motion) is not None:
-        found |= _by_finger("reported_speed_mps", motion.speed_mps)
-        found |= _by_finger("reported_direction_deg", motion.direction_deg)
-        found |= _by_finger("reported_turning", motion.turning)
+        for name, values in asdict(motion).items():
+            found |= _by_finger(f"reported_{name}", values)
     if (truth := run.truth) is not None:
-        found |= _by_finger("true_n", truth.normal_n)
-        found |= _by_finger("true_shear_n", truth.shear_n)
-        found |= {
-            "true_height_m": truth.height_m, "true_slip_m": truth.slip_m,
-            "true_slip_mps": truth.slip_mps, "true_across_m": truth.across_m,
-            "true_turn_rad": truth.turn_rad,
-        }  # fmt: skip
+        found |= _by_finger("true_n", truth.normal_n) | _by_finger("true_shear_n", truth.shear_n)
+        alone = ("height_m", "slip_m", "slip_mps", "across_m", "turn_rad")
+        found |= {f"true_{name}": getattr(truth, name) for name in alone}
     return found
 
 

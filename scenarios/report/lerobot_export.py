@@ -128,7 +128,7 @@ def _actions(run: RunRecord) -> Floats:
     hand, velocity = action[:, :5], action[:, 5:]
     hand[:, :3] = run.fingers_counts[0]
     target_m, speed_mps = run.arm_m.copy(), np.zeros(len(run.t_s))
-    for sent in run.commands:
+    for sent in (each.message for each in run.commands):
         if sent.refused:
             continue
         since = max(0, int(np.searchsorted(run.t_s, sent.decided_ns * 1e-9 + 1e-9, "right")) - 1)

@@ -5,29 +5,21 @@ import secrets
 import socket
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from detector.decision import fused
 from detector.loading import motion_reader
-from drivers.interfaces import FINGER_NAMES, FINGERS
+from drivers.interfaces import FINGERS
 from grasp.control.controller import GraspController
 from grasp.run.loop import Tick
 from grasp.run.viewer_process import ViewerProcess
 from scenarios.report import live_server as server
-from scenarios.report.live_server import Begin, Note, Row, Serve
-from scenarios.report.run_view import View, bound_of, scene, taxels_of
+from scenarios.report.live_server import Begin, Note, Row, Serve, Values
+from scenarios.report.run_view import View, bound_of, page_data, taxels_of
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.foxglove import taxel_places
 from scenarios.world.truth import Truth
 
-Values = list[float | None]
-Columns = list[tuple[str, int]]
-OF_MOTION: Columns = [("reported_speed", 3), ("reported_direction", 3), ("reported_turning", 3)]
-OF_TRUTH: Columns = [
-    ("true", 3), ("shear", 3), ("height", 1), ("slip", 1), ("slip_speed", 1), ("across", 1),
-    ("turn", 1), ("onset", 1), ("impact", 1),
-]  # fmt: skip
+NOTHING = [None] * FINGERS
 
 
 class LiveTrials:
@@ -62,47 +54,41 @@ class LiveTrials:
             self.feed.show(phase, self._values(tick, truth))
 
     def _data(self, tick: Tick) -> dict[str, Any]:
-        config, height_m = self._config, tick.arm.position_m[2]
-        columns: Columns = [
-            ("t", 1), ("probability", FINGERS), ("estimated", FINGERS),
-            ("counts", FINGERS * self._taxels), ("positions", FINGERS), ("arm", 1), ("status", 1),
-            *([("decided", 1)] if self._fused else []),
-            *(OF_MOTION if self._motion else []),
-            *(OF_TRUTH if self._truth else []),
-        ]  # fmt: skip
-        return {
-            "fingers": FINGER_NAMES,
-            "taxels": taxel_places(config.fingertip.taxels_mm, self._taxels),
-            "limit_n": config.guard.force_limit_n,
-            "rule": msgspec.to_builtins(self._bound),
-            "columns": columns,
-            "scene": scene(config, height_m, height_m + config.controller.lift_height_m),
-        }
+        height_m = tick.arm.position_m[2]
+        top_m = height_m + self._config.controller.lift_height_m
+        return page_data(self._config, self._bound, self._taxels, height_m, top_m)
 
     def _values(self, tick: Tick, truth: Truth | None) -> Values:
-        """The columns of ``_data``, in their order."""
-        obs, slip = tick.observation, tick.decision.slip
+        """The columns of one row, the same in every row."""
+        obs, slip, frame = tick.observation, tick.decision.slip, tick.frame  # frame: over rest
         status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
-        values: Values = [tick.t_ns * 1e-9]
-        if tick.frame is None:  # before rest counts were taken
-            values += [None] * (FINGERS * (2 + self._taxels))
-        else:
-            values += [*obs.probabilities.tolist(), *tick.estimated_n]
-            values += tick.frame.counts.ravel().tolist()
-        values += [*tick.gripper.positions, tick.arm.position_m[2], status]
+        values: Values = {
+            "t": [tick.t_ns * 1e-9],
+            "probability": NOTHING if frame is None else obs.probabilities.tolist(),
+            "estimated": NOTHING if frame is None else tick.estimated_n,
+            "counts": NOTHING * self._taxels if frame is None else frame.counts.ravel().tolist(),
+            "positions": tick.gripper.positions,
+            "arm": [tick.arm.position_m[2]],
+            "status": [status],
+        }
         if self._fused:
-            values.append(float(fused(obs.probabilities[None], self._config.rule)[0, 0]))
+            fused_p = fused(obs.probabilities[None], self._config.rule)[0, 0]
+            values["decided"] = [float(fused_p)]
         if self._motion:
             motion = obs.motion() if slip.armed else None
-            values += _empty(OF_MOTION) if motion is None else [
-                *motion.speed_mps, *motion.direction_deg, *motion.turning
-            ]  # fmt: skip
+            values["reported_speed"] = NOTHING if motion is None else motion.speed_mps
+            values["reported_direction"] = NOTHING if motion is None else motion.direction_deg
+            values["reported_turning"] = NOTHING if motion is None else motion.turning
         if self._truth:
-            values += _empty(OF_TRUTH) if truth is None else [
-                *truth.normal_n, *truth.shear_n, truth.height_m, truth.slip_distance_m,
-                truth.slip_speed_mps, truth.across_m, truth.turn_rad, truth.slip_onset_s,
-                truth.impact_s,
-            ]  # fmt: skip
+            names = {
+                "height": "height_m", "slip": "slip_distance_m", "slip_speed": "slip_speed_mps",
+                "across": "across_m", "turn": "turn_rad", "onset": "slip_onset_s",
+                "impact": "impact_s",
+            }  # fmt: skip
+            values["true"] = NOTHING if truth is None else truth.normal_n
+            values["shear"] = NOTHING if truth is None else truth.shear_n
+            for key, name in names.items():
+                values[key] = [None if truth is None else getattr(truth, name)]
         return values
 
 
@@ -111,10 +97,6 @@ def _reports_motion(config: TrialConfig) -> bool:
     detector = config.make_detector(FINGERS)
     detector.update(np.zeros((FINGERS, taxels_of(config)), np.int16))
     return motion_reader(detector)() is not None
-
-
-def _empty(columns: Columns) -> Values:
-    return [None] * sum(width for _, width in columns)
 
 
 LOOPBACK = "127.0.0.1"
@@ -167,7 +149,7 @@ class Feed:
         self._ticks += 1
         return event or self._ticks % EVERY == 1
 
-    def show(self, phase: str, values: list[float | None]) -> None:
+    def show(self, phase: str, values: Values) -> None:
         """Send one row, preceded by the trial's Begin if that is not sent yet."""
         if self._begin is not None:
             if not self._viewer.show(self._begin):

@@ -11,6 +11,7 @@ import os
 import socket
 import sys
 from collections import deque
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, BinaryIO
 
@@ -44,11 +45,14 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     data: dict[str, Any]
 
 
+Values = dict[str, Sequence[float | None]]  # by column; None: NaN
+
+
 class Row(msgspec.Struct, frozen=True, tag=True):
-    """One instant: its phase and the values of all columns of ``Begin.data``; None: NaN."""
+    """One instant: its phase, and its values. All rows of a trial have the same columns."""
 
     phase: str
-    values: list[float | None]
+    values: Values
 
 
 class Note(msgspec.Struct, frozen=True, tag=True):

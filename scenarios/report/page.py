@@ -139,7 +139,7 @@ class Part(msgspec.Struct, frozen=True):
 
 class Cell(msgspec.Struct, frozen=True):
     """A table cell: text, with optional content below. ``interval``: low, middle and high of a
-    share, drawn as a bar."""
+    share, drawn as a bar. ``at_s``: an instant of the run, which a click selects."""
 
     text: str = ""
     small: str = ""
@@ -147,6 +147,7 @@ class Cell(msgspec.Struct, frozen=True):
     parts: Sequence[Part] = ()
     links: Sequence[tuple[str, str]] = ()  # text and address
     code: bool = False
+    at_s: float | None = None
 
 
 class Table(msgspec.Struct, frozen=True):

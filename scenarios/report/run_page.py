@@ -2,7 +2,7 @@
 
 import base64
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,10 @@ from drivers.interfaces import FINGER_NAMES
 from grasp.control.commands import describe
 from grasp.control.fault import lines
 from grasp.control.states import State
-from scenarios.report.page import render
+from scenarios.report.page import Cell, Table, cells, render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
-from scenarios.report.run_settings import command_of, object_file, settings_of
-from scenarios.report.run_view import Bound, View, bound_of, decided, facts, scene
-from scenarios.trial.foxglove import taxel_places
+from scenarios.report.run_settings import Setting, command_of, object_file, settings_of
+from scenarios.report.run_view import Bound, View, bound_of, decided, facts, page_data
 from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RECORDING, find_recording
 
@@ -64,10 +63,10 @@ def run_page(path: Path) -> str:
         figures="" if run.verdict is None else "; ".join(facts(run.verdict)),
         fingers=FINGER_NAMES,
         view=View(*known, config.guard.force_limit_n, rule, evidence=not rule.probable),
-        phases=_phase_rows(run), commands=[_command_row(sent) for sent in run.commands],
-        changed_settings=[setting for setting in settings if setting.changed],
+        phases=_phase_table(run), commands=_command_table(run),
+        changed_settings=_settings_table(s for s in settings if s.changed),
         compared=any(setting.default is not None for setting in settings),
-        other_settings=[setting for setting in settings if not setting.changed],
+        other_settings=_settings_table(s for s in settings if not s.changed),
         origins=_origins(run), command=command_of(run.settings, run.seed),
         object_file=object_file(run.settings), data=_data(run, rule),
     )  # fmt: skip
@@ -76,16 +75,14 @@ def run_page(path: Path) -> str:
 def _data(run: RunRecord, rule: Bound) -> dict[str, Any]:
     """Input of the page's scripts."""
     marks = _marks(run)
-    return {
+    lift_m, top_m = float(run.arm_m[_lift_step(run), 2]), _top_m(run)
+    return page_data(
+        run.config, rule, run.counts.shape[2], lift_m if np.isfinite(lift_m) else 0.0, top_m
+    ) | {
         "series": pack(_columns(run, rule)),
-        "fingers": FINGER_NAMES,
-        "taxels": taxel_places(run.config.fingertip.taxels_mm, run.counts.shape[2]),
-        "limit_n": run.config.guard.force_limit_n,
-        "rule": {"limit": rule.limit, "probable": rule.probable, "label": rule.label},
         "phases": [{"t": c.t_ns * 1e-9, "name": c.phase} for c in run.phases],
         "marks": marks,
         "start": _start_s(run, marks),
-        "scene": _scene(run),
     }
 
 
@@ -147,53 +144,58 @@ def _lift_step(run: RunRecord) -> int:
     return min(first, len(run.t_s) - 1)
 
 
-def _scene(run: RunRecord) -> dict[str, Any]:
-    """Input of the 3D view; heights are relative to the arm's position at the start of the
-    lift."""
-    grip_m, top_m = float(run.arm_m[_lift_step(run), 2]), _top_m(run)
-    return scene(run.config, grip_m if np.isfinite(grip_m) else 0.0, top_m)
-
-
 def _top_m(run: RunRecord) -> float:
     """Greatest recorded height of the arm, m; 0 without one."""
     known = run.arm_m[:, 2][np.isfinite(run.arm_m[:, 2])]
     return float(known.max()) if len(known) else 0.0
 
 
-def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
-    """Start and duration of each phase, s."""
+def _phase_table(run: RunRecord) -> Table:
     begins = [change.t_ns * 1e-9 for change in run.phases]
     ends = [*begins[1:], float(run.t_s[-1])]
-    return [
-        {"t": t, "lasted_s": max(0.0, end - t), "phase": change.phase, "cause": change.cause}
+    rows = [
+        [Cell(at_s=t), *cells(change.phase, f"{max(0.0, end - t):.2f}", change.cause)]
         for change, t, end in zip(run.phases, begins, ends, strict=True)
     ]
+    return Table(("s", "phase", "lasted, s", "cause"), rows)
 
 
-def _command_row(sent: Sent) -> dict[str, Any]:
-    """A command with its time in s, delays in ms, and notes on what the guard and driver
-    changed."""
-    asked, admitted = describe(sent.asked), describe(sent.admitted)
-    confirmed_ms = None
+def _command_table(run: RunRecord) -> Table:
+    headings = ("decided, s", "sent, ms later", "acknowledged, ms later", "command")
+    hint = (
+        "Acknowledged: by the first status, recorded at 100 Hz, that follows the command. Commands "
+        "to the arm are not acknowledged."
+    )
+    return Table(headings, [_command_row(sent) for sent in run.commands], hint)
+
+
+def _command_row(sent: Sent) -> list[Cell]:
+    """A command with its time, its delays, and notes on what the guard and driver changed."""
+    m = sent.message
+    requested, admitted = describe(m.requested), describe(m.admitted)
+    confirmed = ""
     if sent.confirmed_ns is not None:
-        confirmed_ms = (sent.confirmed_ns - sent.sent_ns) * 1e-6
-    notes = [f"admitted: {admitted}"] if admitted != asked else []
-    if sent.applied is not None:
-        a = sent.applied
+        confirmed = f"{(sent.confirmed_ns - sent.sent_ns) * 1e-6:.1f}"
+    notes = [f"admitted: {admitted}"] if admitted != requested else []
+    if (a := m.applied) is not None:
         notes.append(
             f"applied: {tuple(a.targets_counts)} counts at {a.speed_mps * 1e3:.0f} mm/s, "
             f"{a.force_n:g} N"
         )
         notes += [] if a.effective else ["without effect"]
         notes += [a.note] if a.note else []
-    notes += [f"refused: {sent.refused}"] if sent.refused else []
-    return {
-        "t": sent.decided_ns * 1e-9, "sent_ms": (sent.sent_ns - sent.decided_ns) * 1e-6,
-        "confirmed_ms": confirmed_ms, "asked": asked, "notes": notes,
-    }  # fmt: skip
+    notes += [f"refused: {m.refused}"] if m.refused else []
+    delay_ms = f"{(sent.sent_ns - m.decided_ns) * 1e-6:.2f}"
+    return [Cell(at_s=m.decided_ns * 1e-9), *cells(delay_ms, confirmed),
+            Cell(requested, "; ".join(notes))]  # fmt: skip
 
 
-def _origins(run: RunRecord) -> list[tuple[str, str]]:
+def _settings_table(settings: Iterable[Setting]) -> Table:
+    rows = [cells(s.key, s.value, s.default or "" if s.changed else "") for s in settings]
+    return Table(("setting", "here", "default"), rows)
+
+
+def _origins(run: RunRecord) -> Table:
     """Configuration, versions and timing of the run."""
     verdict, metadata, config = run.verdict, run.metadata, run.config
     rows = [
@@ -222,7 +224,7 @@ def _origins(run: RunRecord) -> list[tuple[str, str]]:
             ("stalls of the emulated cell", timing.cell_stalls),
         ):
             rows.append((name, str(count or "")))
-    return [(name, text) for name, text in rows if text]
+    return Table((), [cells(name, text) for name, text in rows if text])
 
 
 # The verdict in sentences

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from detector.interface import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
-from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
-from grasp.control.commands import Command
+from drivers.interfaces import FINGERS, KIT_TAXELS, GripperState
 from grasp.control.states import PhaseChange
 from grasp.run.messages import (
     ARM,
@@ -47,13 +46,9 @@ GRIPPER_COMMANDS = ("MoveFingers", "CloseToLimit", "OpenFingers", "HoldFingers")
 class Sent(msgspec.Struct, frozen=True):
     """A sent command. ``confirmed_ns``: time of the first status that follows it, if any."""
 
-    decided_ns: int
     sent_ns: int
     confirmed_ns: int | None
-    asked: Command
-    admitted: Command
-    applied: Applied | None
-    refused: str
+    message: CommandMessage
 
 
 class TrueWorld(msgspec.Struct, frozen=True):
@@ -255,9 +250,6 @@ def _commands(
         return None if late else first
 
     return [
-        Sent(
-            m.decided_ns, sent_ns, None if m.applied is None else confirmed_ns(sent_ns),
-            m.requested, m.admitted, m.applied, m.refused,
-        )
+        Sent(sent_ns, None if m.applied is None else confirmed_ns(sent_ns), m)
         for sent_ns, m in messages
-    ]  # fmt: skip
+    ]

@@ -1,5 +1,5 @@
-"""View of a run for pages and terminal: scene, values of the decision rule with their limit,
-and figures of the verdict."""
+"""View of a run for pages and terminal: what scripts need, values of the decision rule with their
+limit, and figures of the verdict."""
 
 import math
 from typing import Any
@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, cusum, fused
-from drivers.interfaces import KIT_TAXELS
+from drivers.interfaces import FINGER_NAMES, KIT_TAXELS
 from grasp.control.guard import limit_in_words
 from scenarios.trial.config import TrialConfig
+from scenarios.trial.foxglove import taxel_places
 from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 
 Floats = NDArray[np.float64]
@@ -90,16 +91,24 @@ def taxels_of(config: TrialConfig) -> int:
     return len(config.fingertip.taxels_mm) or KIT_TAXELS
 
 
-def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
-    """Dimensions of the 3D view in metres; heights are relative to ``grip_m``, the arm's height
-    at the start of the lift."""
+def page_data(
+    config: TrialConfig, rule: Bound, taxels: int, grip_m: float, top_m: float
+) -> dict[str, Any]:
+    """What the scripts of a page need besides the samples. The 3D view's heights are relative to
+    ``grip_m``, the arm's height at the start of the lift; ``top_m``: its greatest."""
     known = config.calibration
     return {
-        "object": msgspec.to_builtins(config.object),
-        "half_aperture_m": HALF_APERTURE_M,
-        "pad_half_m": PAD_HALF_LENGTH_M,
-        "m_per_count": None if known is None else known.m_per_count,
-        "grip_m": grip_m, "top_m": top_m,
+        "fingers": FINGER_NAMES,
+        "taxels": taxel_places(config.fingertip.taxels_mm, taxels),
+        "limit_n": config.guard.force_limit_n,
+        "rule": msgspec.to_builtins(rule),
+        "scene": {
+            "object": msgspec.to_builtins(config.object),
+            "half_aperture_m": HALF_APERTURE_M,
+            "pad_half_m": PAD_HALF_LENGTH_M,
+            "m_per_count": None if known is None else known.m_per_count,
+            "grip_m": grip_m, "top_m": top_m,
+        },
     }  # fmt: skip
 
 

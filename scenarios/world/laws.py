@@ -1,4 +1,4 @@
-"""Compiled contact laws of levels L1 to L4: one object between three fingers, one state vector.
+"""Compiled contact laws, levels L1, L3 and L4: one object between three fingers, one state vector.
 
 Numba's cache does not detect changes in an imported kernel, so all kernels are in this file.
 
@@ -10,8 +10,8 @@ below the object pushes but does not pull; while it pushes, the object neither t
 
 Friction: a pad is one or more elements, each a Kelvin-Voigt spring behind a friction limit (Jenkins
 element). L1: one point per finger, motion along z, and without rotation along y after an impact
-from the side. L2: one point per finger, with rotation. L3: as L2, with a third spring for the
-patch's spin (ellipsoid limit surface |(f_y, f_z, tau / a)| <= mu N). L4: a grid of points.
+from the side. L3: one point per finger, with rotation and a third spring for the patch's spin
+(ellipsoid limit surface |(f_y, f_z, tau / a)| <= mu N). L4: a grid of points.
 
 The backward Euler step minimizes a strictly convex function: inertia is quadratic, and an
 element's radial return is the slope of a Huber function. So Newton's method with a bracketing line
@@ -503,7 +503,7 @@ def _step_planar(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float,
     force_y: float, torque: float, n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
-    """Planar step of L2 to L4, and of L1 without rotation: velocity (y, z, turn) into small[6].
+    """Planar step of L3 and L4, and of L1 without rotation: velocity (y, z, turn) into small[6].
     ``torque`` of the impact is about the centre of mass."""
     v, inertia, load = small[6], small[7], small[8]
     turns = 1.0 if p[P_LEVEL] > SLIDER else 0.0

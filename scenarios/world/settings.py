@@ -35,11 +35,9 @@ Step = Annotated[float, Meta(gt=0.0)]
 
 
 class Level(IntEnum):
-    """Contact models from the fastest to the reference. Only a study uses POINTS, whose cost is
-    that of SPIN."""
+    """Contact models from the fastest to the reference."""
 
     SLIDER = 1
-    POINTS = 2
     SPIN = 3
     BRUSH = 4
 

@@ -2,9 +2,9 @@
 
     python -m tests.nightly.mutation ["grasp.control.guard*" ...]    default: all of `[tool.mutmut]`
 
-Prints the share of killed mutants of each module; a run of all modules writes results/mutants.csv.
-Exit code 1 if one is below its bound: then `mutmut results` lists survivors and `mutmut show NAME`
-shows one.
+Prints the share of killed mutants of each module; a run of all modules writes
+studies/results/mutants.csv. Exit code 1 if one is below its bound: then `mutmut results` lists
+survivors and `mutmut show NAME` shows one.
 """
 
 import csv
@@ -13,7 +13,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-EVIDENCE = Path(__file__).parents[2] / "results/mutants.csv"
+EVIDENCE = Path(__file__).parents[2] / "studies/results/mutants.csv"
 MUTMUT = Path(sys.executable).with_name("mutmut")
 # a little below the share when the bound was set; survivors are mostly `strict=True`, defaults that
 # nothing reads, and tests that only save time

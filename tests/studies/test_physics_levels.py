@@ -8,6 +8,6 @@ def row(curve: str, step_s: float, cost_us: float, error_mm: float) -> Row:
 
 
 def test_accidental_hit_at_one_step_does_not_count() -> None:
-    rows = [row("L1", 4e-3, 10.0, 0.01), row("L1", 2e-3, 20.0, 0.4), row("L2", 2e-3, 90.0, 0.05)]
+    rows = [row("L1", 4e-3, 10.0, 0.01), row("L1", 2e-3, 20.0, 0.4), row("L3", 2e-3, 90.0, 0.05)]
     assert cheapest(rows, "L", 0.1) == rows[2]
     assert cheapest(rows[:2], "L", 0.1) is None

@@ -8,8 +8,9 @@ import msgspec
 import pytest
 
 from grasp.settings import load, read_toml
-from studies import results, results_page
-from studies.results_page import Kept, Row, Topic, page
+from studies import make_results, results_page
+from studies.results_page import ROOT, Kept, Row, Topic, page
+from studies.results_run import Run, Settings
 
 TOPICS = [
     {"title": "Beside the paper", "text": "Six rows.", "claims": [
@@ -40,14 +41,15 @@ def kept(root: Path) -> Kept:
 
 def test_rows_of_a_csv_file_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert kept(tmp_path).rows("lifts") == ROWS
-    assert (tmp_path / "results/lifts.csv").read_text().startswith("item,measure,value,low,high,n")
-    assert json.loads((tmp_path / "results/run.json").read_text())["lifts"]["seconds"] == 90
+    folder = tmp_path / "studies/results"
+    assert (folder / "lifts.csv").read_text().startswith("item,measure,value,low,high,n")
+    assert json.loads((folder / "run.json").read_text())["lifts"]["seconds"] == 90
 
 
 def test_page_is_made_from_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results_page, "ROOT", tmp_path)
     found = kept(tmp_path)
-    (tmp_path / "results/faults.csv").write_text(
+    (tmp_path / "studies/results/faults.csv").write_text(
         "fault,state,runs,failures\na,lift,3,0\nb,lift,4,1\n"
     )
     text = page(msgspec.convert(TOPICS, list[Topic]), "All simulated.", found)
@@ -60,14 +62,14 @@ def test_page_is_made_from_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert "| object | slip, mm | ms |" in lines
     assert "| ball | never (never) | 1,234 |" in lines
     assert "Not measured yet." in lines and "![" not in text
-    assert any("| 7 | 1 | `results/faults.csv` |" in line for line in lines)
+    assert any("| 7 | 1 | `studies/results/faults.csv` |" in line for line in lines)
 
 
 def test_settings_name_parts_that_exist() -> None:
-    settings = load(results.Settings, [read_toml(Path(results.__file__).with_suffix(".toml"))])
+    settings = load(Settings, [read_toml(ROOT / "studies/results.toml")])
     named = {c.part for t in settings.topics for c in t.claims}
     named |= {part for t in settings.topics for part, *_ in t.tables}
-    assert named <= results.PARTS.keys() and len(settings.topics[0].claims) == 6
+    assert named <= make_results.PARTS.keys() and len(settings.topics[0].claims) == 6
     assert all(len(m) <= 5 for t in settings.topics for _, _, m in t.tables)
 
 
@@ -76,16 +78,16 @@ def test_a_part_that_is_done_is_run_again_only_when_asked(
 ) -> None:
     calls: list[Path | None] = []
 
-    def benchmark(run: results.Run) -> list[Row]:
+    def benchmark(run: Run) -> list[Row]:
         calls.append(run.real)
         return [Row("tcn", "right, %", 50.0)]
 
-    monkeypatch.setattr(results, "PARTS", {"benchmark": benchmark})
+    monkeypatch.setattr(make_results, "PARTS", {"benchmark": benchmark})
     monkeypatch.delenv("REAL", raising=False)
     words = ["--out", str(tmp_path), "--work", str(tmp_path / "work"), "--real", "clip.csv"]
     for more in ([], [], ["--again"]):
-        assert results.main([*words, *more]) == 0
+        assert make_results.main([*words, *more]) == 0
     assert calls == [Path("clip.csv")] * 2
     assert "| tcn | 50.0 |" in (tmp_path / "docs/results.md").read_text()
-    with (tmp_path / "results/benchmark.csv").open(newline="") as file:
+    with (tmp_path / "studies/results/benchmark.csv").open(newline="") as file:
         assert [line["value"] for line in csv.DictReader(file)] == ["50"]

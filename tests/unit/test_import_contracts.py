@@ -175,13 +175,13 @@ def test_imports_within_functions_are_declared() -> None:
     assert {path: imports for path, imports in found.items() if imports} == {}
 
 
-def test_packaged_code_imports_no_tests_or_scripts() -> None:
+def test_packaged_code_imports_no_tests() -> None:
     found = [
         (path, name)
         for path, tree in parsed()
         for node in ast.walk(tree)
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name in imported(node)
-        if name.partition(".")[0] in ("tests", "scripts")
+        if name.partition(".")[0] == "tests"
     ]
     assert found == []

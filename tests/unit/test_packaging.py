@@ -83,7 +83,6 @@ def test_cluster_pins_match_the_others() -> None:
 def test_lock_names_every_requirement(lock: str) -> None:
     expected = list(PROJECT["dependencies"])
     if lock == "dev":
-        expected += [*PROJECT["optional-dependencies"]["charts"]]
         expected += [*PROJECT["optional-dependencies"]["dev"]]
     if lock == "cluster":
         expected += PROJECT["optional-dependencies"]["cluster"]
@@ -91,7 +90,7 @@ def test_lock_names_every_requirement(lock: str) -> None:
     assert "hatchling" in pins(lock)  # the editable install builds with it
 
 
-@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "charts", "docs"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "exports", "docs"])
 def test_every_pin_has_a_hash(lock: str) -> None:
     entries = re.split(r"\n(?=\S)", LOCKS[lock].read_text().strip())
     entries = [entry for entry in entries if not entry.startswith("#")]
@@ -99,7 +98,7 @@ def test_every_pin_has_a_hash(lock: str) -> None:
     assert all("--hash=sha256:" in entry for entry in entries)
 
 
-@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "charts", "docs", "train"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "exports", "docs", "train"])
 def test_lock_files_contain_no_local_paths(lock: str) -> None:
     text = LOCKS[lock].read_text()
     assert not re.search(r"://|--index|--extra-index|--find-links|@ file|^-", text, re.MULTILINE)

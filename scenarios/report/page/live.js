@@ -15,7 +15,6 @@ function followRun() {
   function begin(message) {
     Object.assign(data, message.data, {phases: [], marks: []});
     series = {};
-    for (const [name, width] of data.columns) series[name] = Array.from({length: width}, () => []);
     at("progress").textContent = message.of > 1 ? `· ${message.number} of ${message.of}` : "";
     following = true;
     started = false;
@@ -24,12 +23,9 @@ function followRun() {
 
   // null stands for NaN
   function add(row) {
-    let place = 0;
-    for (const [name, width] of data.columns) {
-      for (let k = 0; k < width; k++) {
-        const value = row.values[place++];
-        series[name][k].push(value === null ? NaN : value);
-      }
+    for (const [name, values] of Object.entries(row.values)) {
+      series[name] ??= values.map(() => []);
+      values.forEach((value, k) => series[name][k].push(value === null ? NaN : value));
     }
     const last = series.t[0].length - 1, t = series.t[0][last];
     const phase = data.phases[data.phases.length - 1];
@@ -62,7 +58,7 @@ function followRun() {
 
   let started = false;
   function draw() {
-    if (waiting || !series || !series.t[0].length) return;
+    if (waiting || !series?.t) return;
     waiting = true;
     setTimeout(() => requestAnimationFrame(() => {
       waiting = false;

@@ -17,7 +17,7 @@ function makePlayer() {
     index = -1;
     plots = makePlots(series, (time) => { choose(time); });
     drawn = [makeScene(series), makeRuler(series), makeTaxels(series)];
-    rows = [...document.querySelectorAll("tr[data-from]")].map((row) => [row, Number(row.dataset.from)]);
+    rows = [...document.querySelectorAll("button.at")].map((at) => [at.closest("tr"), Number(at.dataset.t)]);
     measure();
   }
   function grow() {

@@ -2,7 +2,7 @@
 
 `make test-faults RUNS=300 SEED=2` makes another sample, of so many cases in each scene, and as
 many pairs of contradictory signals and wrong descriptions in proportion.
-The complete sample writes results/faults.csv.
+The complete sample writes studies/results/faults.csv.
 """
 
 import csv
@@ -34,7 +34,7 @@ OPENED, FORCED = (
 )
 
 
-EVIDENCE = Path(__file__).parents[3] / "results/faults.csv"
+EVIDENCE = Path(__file__).parents[3] / "studies/results/faults.csv"
 Sample = dict[tuple[str, int], list[Ended]]  # by scene
 
 

@@ -18,11 +18,7 @@ from scenarios.report.live_feed import Feed
 from scenarios.report.run_view import Bound, View
 
 VIEW = View(False, False, 10.0, Bound(0.5, True, "", ""))
-DATA: dict[str, Any] = {
-    "fingers": ["fingertip"],
-    "taxels": [],
-    "columns": [["t", 1], ["estimated", 1]],
-}
+DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": []}
 LONG_S = 20.0
 
 
@@ -61,11 +57,11 @@ def show_rows(feed: Feed, rows: int, first: int = 0) -> None:
     """Show that many rows, each repeated until the pipe accepts it."""
     for i in range(first, first + rows):
         lost = feed.lost
-        feed.show("lift", [i * 0.01, 1.0])
+        feed.show("lift", {"t": [i * 0.01]})
         while feed.lost > lost:
             time.sleep(0.01)
             lost = feed.lost
-            feed.show("lift", [i * 0.01, 1.0])
+            feed.show("lift", {"t": [i * 0.01]})
 
 
 def test_page_is_served_only_with_the_token(feed: Feed) -> None:
@@ -88,11 +84,13 @@ def test_every_viewer_receives_the_whole_trial_at_any_time(feed: Feed) -> None:
         with viewer_of(feed) as late:
             assert received(late, 5) == first
             show_rows(feed, 3, first=5)
-            assert [row["values"][0] for row in received(late, 3)] == pytest.approx(
+            assert [row["values"]["t"][0] for row in received(late, 3)] == pytest.approx(
                 [0.05, 0.06, 0.07]
             )
     assert first[0]["type"] == "Begin" and first[0]["of"] == 2
-    assert [row["values"][0] for row in first[1:]] == pytest.approx([0, 0.01, 0.02, 0.03, 0.04])
+    assert [row["values"]["t"][0] for row in first[1:]] == pytest.approx(
+        [0, 0.01, 0.02, 0.03, 0.04]
+    )
 
 
 def test_connections_with_a_wrong_path_or_origin_are_refused(feed: Feed) -> None:
@@ -111,7 +109,7 @@ def test_connections_with_a_wrong_path_or_origin_are_refused(feed: Feed) -> None
 def until_lost(feed: Feed) -> None:
     deadline = time.monotonic() + LONG_S
     while feed.lost == 0 and time.monotonic() < deadline:
-        feed.show("lift", [0.0, 1.0])
+        feed.show("lift", {"t": [0.0]})
     assert feed.lost > 0
 
 

@@ -75,15 +75,6 @@ def test_server_changes_no_message_of_a_run_even_if_it_stops(
     live.feed.close()
 
 
-def columns(begin: Begin, row: Row) -> dict[str, list[float | None]]:
-    found, place = {}, 0
-    for name, width in begin.data["columns"]:
-        found[name] = row.values[place : place + width]
-        place += width
-    assert place == len(row.values)
-    return found
-
-
 def test_rows_have_the_values_of_tick_and_truth(server: FakeServer) -> None:
     settings = load_config("can", "simulated", "tcn").for_lift()
     live = LiveTrials(settings, "a lift", 1)
@@ -96,11 +87,14 @@ def test_rows_have_the_values_of_tick_and_truth(server: FakeServer) -> None:
     list(lift.run_series(settings, [0], TrialContext(None, watch=watch)))
     _, begin, *rows = server.messages
     assert isinstance(begin, Begin)
+    assert isinstance(rows[0], Row)
+    widths = [len(values) for values in rows[0].values.values()]
     by_time = {tick.t_ns * 1e-9: (tick, truth) for tick, truth in ticks}
     assert len(ticks) / 4 <= len(rows) < len(ticks) / 3
     for row in rows:
         assert isinstance(row, Row)
-        found = columns(begin, row)
+        found = {name: list(values) for name, values in row.values.items()}
+        assert list(map(len, found.values())) == widths
         tick, truth = by_time[found["t"][0]]
         assert row.phase == tick.decision.state
         missing = tick.frame is None

@@ -11,7 +11,7 @@ import pytest
 from scenarios.report.live_server import Begin, Row, TrialStream, read_lines
 
 BEGIN = msgspec.json.encode(Begin(1, 2, {}))
-ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]
+ROWS = [msgspec.json.encode(Row("lift", {"t": [float(n)] * 60})) for n in range(200)]
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Contact levels L1 to L4 with a moving hand: one interface, rotation from L2 on."""
+"""Contact levels with a moving hand: one interface, rotation from L3 on."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,7 @@ from scenarios.world.contact import (
 from scenarios.world.settings import ContactSettings, Impact, Level
 from tests.unit.scenarios.world.test_contact import body, grip_travel, travel
 
-COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)
-TURNING = COMPLIANT[1:]
+TURNING = (Level.SPIN, Level.BRUSH)
 PADS = ContactSettings()
 
 
@@ -63,12 +62,12 @@ def impact(direction: str = "side", offset_m: float = 0.04, impulse_n_s: float =
     mass_kg=st.floats(0.1, 0.9), friction=st.floats(0.4, 1.0), kept=st.floats(0.6, 1.0),
     count=st.floats(54.5, 60.0),
 )  # fmt: skip
-def test_centred_lift_is_the_same_at_every_compliant_level(
+def test_centred_lift_is_the_same_at_every_level(
     mass_kg: float, friction: float, kept: float, count: float
 ) -> None:
     grasped = body(mass_kg=mass_kg, friction_static=friction, friction_kinetic=kept * friction)
     grip = travel(count, count, count)
-    states = [lifted(Contact(PADS, grasped, level), grip).state for level in COMPLIANT]
+    states = [lifted(Contact(PADS, grasped, level), grip).state for level in Level]
     same = (laws.HEIGHT, laws.SLIP, laws.SPEED, laws.NORMAL, laws.SHEAR, laws.SLIP_SPEED)
     for other in states[1:]:
         assert other[list(same)] == pytest.approx(states[0][list(same)], rel=1e-6, abs=1e-8)

@@ -1,6 +1,6 @@
 """Compare the messages of every run with those of another commit.
 
-    python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--within 1e-6]
+    python tests/tools/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--within 1e-6]
 
 Both trees run the same lifts, taps and acquisition on the simulated rig, each from its own
 checkout with this interpreter. Then the recordings are compared message by message: channel, log
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-HOME = Path(__file__).resolve().parent.parent
+HOME = Path(__file__).resolve().parents[2]
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds", "20")
 

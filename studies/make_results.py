@@ -1,116 +1,42 @@
-"""All measured figures of the project: results/*.csv, docs/results.md and its charts.
+"""All measured figures of the project: studies/results/*.csv, docs/results.md and its charts.
 
-Each part writes results/PART.csv. A part whose file exists is run again only with `--again`, and an
-interrupted part continues from what its studies have stored.
+Each part writes studies/results/PART.csv. A part whose file exists is run again only with
+`--again`, and an interrupted part continues from what its studies have stored.
 """
 
 import itertools
 import math
 import os
-import shlex
 import shutil
 import statistics
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from detector.scores.quantiles import quantiles
-from grasp.cli.options import share, whole
-from grasp.cli.output import progress
+from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from grasp.files import write_whole
-from grasp.settings import file_of, load, read_toml
-from scenarios.acquire.datasets.build import build
-from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
-from scenarios.campaign import run as campaigns
+from grasp.settings import load, read_toml
 from scenarios.campaign import worker
 from scenarios.campaign.config import load_config
-from scenarios.campaign.spec import read_spec
-from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import TRIALS, paper_rate, summarize
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
-from scenarios.rigs.workers import Workers
-from studies import difficulty_sweep, drop_rate, reflex_table, runner
+from studies import difficulty_sweep, drop_rate, reflex_table
 from studies import results_page as pages
 from studies.physics_levels import ERRORS_MM, MUJOCO, ONE_AXIS, SCENES, cheapest
 from studies.results_detectors import benchmark, detectors
 from studies.results_page import Made, Row, median, percent
+from studies.results_run import Run, Settings
 
-SUMMARY = "all measured figures: results/*.csv and docs/results.md (`make results`)"
+SUMMARY = "all measured figures: studies/results/*.csv and docs/results.md (`make results`)"
 STEP_COST = "processor time of a control step of a lift, µs"
 ALL, PAPER_AVERAGES = "all objects", {"lift": 72.5, "tap": 87.5}
-
-
-class DataSet(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One of config/datasets, with a seed of its own."""
-
-    set: str
-    seed: int
-    share: float
-
-
-class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """studies/results.toml."""
-
-    intro: str
-    data: dict[str, DataSet]
-    detectors: tuple[str, ...]
-    campaign: dict[str, Any]  # changes of config/campaigns/paper.toml
-    hands: dict[str, tuple[str, ...]]  # settings of each hand
-    hand_campaign: dict[str, Any]
-    studies: dict[str, str]  # options
-    contact_step_s: float
-    speed_lifts: int
-    rig_lifts: int
-    rig_settings: tuple[str, ...]
-    topics: list[pages.Topic]
-
-
-class Run(msgspec.Struct, frozen=True):
-    """What a part gets. ``work`` holds data sets, ``folder`` what this part stores."""
-
-    settings: Settings
-    work: Path
-    folder: Path
-    jobs: int
-    real: Path | None  # a labelled recording, for the part `benchmark`
-
-    def data(self, name: str) -> Path:
-        """Folder of a data set; missing recordings are made."""
-        chosen, out = self.settings.data[name], self.work / "data" / name
-        config = load_dataset_config(file_of("datasets", chosen.set))
-        config = msgspec.structs.replace(reduced(config, chosen.share), seed=chosen.seed)
-        with progress(f"data set {name}") as show:
-            build(plan(config), config, out, Workers(self.jobs), show)
-        return out
-
-    def study(self, name: str, words: str = "", jobs: int | None = None) -> list[Any]:
-        """Rows of a study; those stored are not run again."""
-        study, parser = import_module(f"studies.{name}").STUDY, Parser(prog=name)
-        study.options(parser)
-        share(parser, "jobs cluster")
-        options = f"{self.settings.studies[name]} {words} --jobs {jobs or self.jobs}"
-        args = parser.parse_args(shlex.split(options))
-        return runner.run(study, study.grid(args), args, self.folder)
-
-    def campaign(self, name: str, changes: dict[str, Any]) -> list[worker.Row]:
-        """Rows of the paper's campaign with changes; those stored are not run again."""
-        spec = read_spec(file_of("campaigns", "paper"))
-        spec = msgspec.convert(msgspec.to_builtins(spec) | changes, type(spec))
-        path = self.folder / f"{name}.sqlite"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with progress(name) as show:
-            campaigns.run(spec, path, Workers(self.jobs), resume=path.exists(),
-                          on_progress=lambda p: show(p.done, p.total))  # fmt: skip
-        with CampaignStore.open(path) as store:
-            return store.rows()
 
 
 # Lifts and taps
@@ -298,16 +224,14 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--again", action="store_true", help="run finished parts as well")
     parser.add_argument("--real", type=Path, metavar="FILE", default=os.environ.get("REAL") or None,
                         help="labelled recording of a real fingertip (default: $REAL)")  # fmt: skip
-    parser.add_argument("--settings", type=Path, default=Path(__file__).with_suffix(".toml"),
-                        metavar="FILE", help="(default: studies/results.toml)")  # fmt: skip
     parser.add_argument("--out", default=pages.ROOT, **folder,
-                        help="folder of docs/ and results/ (default: the checkout)")  # fmt: skip
+                        help="write here, not to the checkout")  # fmt: skip
     parser.add_argument("--work", default=pages.ROOT / "build/results", **folder,
                         help="data sets and stored rows (default: build/results)")  # fmt: skip
     parser.add_argument("--jobs", type=whole(1, 256), default=2, metavar="N",
                         help="worker processes (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(words)
-    settings = load(Settings, [read_toml(args.settings)])
+    settings = load(Settings, [read_toml(pages.ROOT / "studies/results.toml")])
     kept = pages.Kept(args.out)
     for name in args.only or PARTS:
         if args.again:

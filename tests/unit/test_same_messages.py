@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.same_messages import differences, record
+from tests.tools.same_messages import differences, record
 
 
 def test_a_message_that_changed_or_that_one_side_lacks_differs() -> None:
