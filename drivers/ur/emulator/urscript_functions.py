@@ -8,7 +8,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript import Builtin, Steps, Thread
+from drivers.ur.emulator.urscript import Steps, Thread
+from drivers.ur.emulator.urscript_parser import Builtin
 from drivers.ur.emulator.urscript_values import PoseValue, ScriptError, Value
 
 BUILTINS: dict[str, Builtin] = {}
