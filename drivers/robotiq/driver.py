@@ -171,10 +171,10 @@ class RobotiqDriver:
 
     def _limited_speed_mps(self, speed_mps: float) -> float:
         """The speed, limited to the one commanded last."""
-        requested = self._exchange.requested
-        if requested is None or not requested.go_to:
+        fingers = self._exchange.requested_fingers
+        if fingers is None:
             return speed_mps
-        fastest = max(axis.speed for axis in requested.axes[:FINGERS])
+        fastest = max(finger.speed for finger in fingers)
         return min(speed_mps, self._calibration.speed_mps(fastest))
 
     def hold(self) -> Applied:
@@ -189,7 +189,7 @@ class RobotiqDriver:
         state = self._known_state()
         if not state.active or self._exchange.lost or self._hand.activation is not Activation.NONE:
             return self._not_sent("the hand does not obey motion commands: nothing was sent")
-        targets: Sequence[int] = hold_targets(state.fingers, self._exchange.requested)
+        targets: Sequence[int] = hold_targets(state.fingers, self._exchange.requested_fingers)
         go_to = state.fresh and not self._hand.positions_uncertain
         if not go_to and self._hand.unchanged:
             targets, go_to = self._farthest_targets(state), True
@@ -200,13 +200,10 @@ class RobotiqDriver:
 
     def _farthest_targets(self, state: GripperState) -> list[int]:
         """Farthest position that each finger may have reached on the way to its last target."""
-        requested = self._exchange.requested
         targets = list(state.positions)
-        if requested is None or not requested.go_to:
-            return targets
         since_ns = max(self._hand.changed_ns, self._exchange.watch.written_ns)
         since_s = (self._hand.now_ns - since_ns) * 1e-9
-        for i, axis in enumerate(requested.axes[:FINGERS]):
+        for i, axis in enumerate(self._exchange.requested_fingers or ()):
             speed_cps = self._calibration.speed_mps(axis.speed) / self.m_per_count
             reach = math.ceil(since_s * speed_cps) + LATE_READ_COUNTS
             targets[i] += min(max(axis.position - targets[i], -reach), reach)
@@ -215,13 +212,13 @@ class RobotiqDriver:
     def _hold_targets(self, state: GripperState) -> Sequence[int]:
         """Targets that keep positions; the last targets where positions are uncertain. While no
         status shows those, a position close to one of them may be wrong too."""
-        requested = self._exchange.requested
-        if requested is None or not requested.go_to:
-            return hold_targets(state.fingers, requested)
-        last = [axis.position for axis in requested.axes[:FINGERS]]
+        fingers = self._exchange.requested_fingers
+        held = hold_targets(state.fingers, fingers)
+        if fingers is None:
+            return held
+        last = [finger.position for finger in fingers]
         if self._hand.positions_uncertain:
             return last
-        held = hold_targets(state.fingers, requested)
         if self._hand.fresh:
             return held
         close = POSITION_ERROR_COUNTS
@@ -250,8 +247,7 @@ class RobotiqDriver:
         """Why each finger will not move; empty where it may."""
         if not self._hand.fresh:
             return [""] * FINGERS  # stale detections are not conclusive
-        last = self._exchange.requested
-        known = last.axes if last is not None and last.go_to else (None,) * FINGERS
+        known = self._exchange.requested_fingers or (None,) * FINGERS
         fingers = zip(state.fingers, command.axes, known, self._hand.grip_bytes, strict=False)
         return [no_motion_reason(finger, axis, was, byte) for finger, axis, was, byte in fingers]
 

@@ -11,6 +11,7 @@ from drivers.robotiq.protocol import (
     REGISTERS,
     RTU,
     TCP,
+    AxisCommand,
     CommandRegisters,
     Registers,
     StatusRegisters,
@@ -98,6 +99,12 @@ class Exchange:
         if command is None:
             self._written_image = self._device_register0 = None
             self.watch.forget()
+
+    @property
+    def requested_fingers(self) -> tuple[AxisCommand, AxisCommand, AxisCommand] | None:
+        """Requests for the fingers; None where no motion is requested."""
+        command = self.requested
+        return (command.a, command.b, command.c) if command and command.go_to else None
 
     def rewrite(self) -> None:
         """Write all requested registers again at the next poll."""

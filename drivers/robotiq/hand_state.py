@@ -299,20 +299,19 @@ def motion_registers(
 
 
 def hold_targets(
-    fingers: Sequence[FingerState], command: CommandRegisters | None
+    fingers: Sequence[FingerState], last: Sequence[AxisCommand] | None
 ) -> tuple[int, ...]:
     """Targets that keep the fingers where they are: their positions.
 
     A finger that reports to be at its target keeps that target. Its reported position may be some
     counts off, and following it would make the finger creep or press. For the same reason a finger
     in contact gets no target beyond the present one. An exception is a finger that was commanded
-    to open and still reports contact: it must not continue to open.
+    to open and still reports contact: it must not continue to open. ``last``: the last requests for
+    the fingers, None where no motion is requested.
     """
     targets = [finger.position_counts for finger in fingers]
-    if command is None or not command.go_to:
-        return tuple(targets)
-    for i, finger in enumerate(fingers):
-        commanded = command.axes[i].position
+    for i, axis in enumerate(last or ()):
+        finger, commanded = fingers[i], axis.position
         if finger.detection is Detection.CONTACT_CLOSING:
             if targets[i] - commanded <= POSITION_ERROR_COUNTS:
                 targets[i] = min(targets[i], commanded)

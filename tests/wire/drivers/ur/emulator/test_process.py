@@ -164,9 +164,7 @@ def send_program(host, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("def f():\n  import_os()\nend\n", "import_os is not defined"),
         ("def f():\n  while True:\n    x = 1\n  end\nend\n", "infinite loop without time"),
-        ("def f():\n  movel(p[9, 9, 9, 0, 0, 0])\nend\n", "out of reach"),
         ("def f():\n  $\nend\n", "line 2: not emulated: $"),
     ],
 )
