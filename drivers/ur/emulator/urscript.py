@@ -63,7 +63,7 @@ class Program:
         self._threads: list[Thread] = []
         names: dict[str, Any] = {"__builtins__": {}, **_RUNTIME}
         names |= {f"b_{name}": function for name, function in script.builtins.items()}
-        exec(script.code, names)
+        exec(script.code, names)  # defines the functions; nothing but what the parser translates
         self.start(names[f"f_{script.name}"])
 
     def start(self, function: Function) -> int:
