@@ -6,6 +6,7 @@ A, B, C: finger A (the thumb) opposes B and C. Forces are newtons at a fingertip
 calibration. Positions are motor counts, 0 (open) to 255 (closed), as the hand reports them.
 """
 
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Protocol
 
@@ -161,6 +162,12 @@ class Gripper(Protocol):
         ...
 
     def poll(self, now_ns: int) -> None: ...
+
+    def set_fallback(self, command: "Callable[[Gripper], Applied] | None", text: str) -> None:
+        """Set the command that a driver with its own thread sends if the program hangs, that is if
+        neither ``poll`` nor a verb is called for a second; any other driver does nothing. ``text``
+        describes the command."""
+        ...
 
     def activate(self, dropping: bool = False) -> Applied:
         """Activate the hand; ``dropping``: even if that drops an object."""

@@ -45,15 +45,15 @@ from drivers.interfaces import (
     Vector3,
 )
 from grasp.control.commands import GripperCommand, HoldFingers, MoveFingers, OpenFingers
-from grasp.control.controller import GraspController
-from grasp.control.controller_settings import ControllerSettings, GripPlan
+from grasp.control.controller_settings import ControllerSettings
 from grasp.control.fault import Fault
 from grasp.control.guard import GuardSettings
 from grasp.control.monitors.arm import ArmHistory
 from grasp.control.monitors.settings import Failures
 from grasp.control.observation import Observation
-from grasp.control.slip_monitor import SlipMonitor, SlipStatus
-from grasp.control.states import State, StateMachine, Trigger
+from grasp.control.reflex_controller import ReflexController
+from grasp.control.slip_monitor import SlipStatus
+from grasp.control.states import State
 from grasp.control.step import GraspStep
 from grasp.run.loop import to_gripper
 
@@ -126,80 +126,14 @@ class PolicyArmHistory(ArmHistory):
         return {code: failures[code] for code in failures if code == "arm_position_nan"}
 
 
-class ReflexController(GraspController):
-    """Waits until the policy's grip rests, then responds to slip in the state `hold`."""
-
-    def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
-        replace = msgspec.structs.replace
-        own = replace(settings, keep=True, firm=False, hold_by_clock=False, reactions=True)
-        super().__init__(own, plan, monitor)
-        self.machine = StateMachine(State.CLOSE)
-        self._positions: Counts3 | None = None  # at the sample before
-
-    @property
-    def held(self) -> bool:
-        return self.state in (State.HOLD, State.COMPENSATE)
-
-    def touches(self, obs: Observation) -> bool:
-        """Whether any finger is in contact, by its fingertip or, as that may be silent, by the
-        hand."""
-        closed = max(obs.gripper.positions) > OPEN_COUNTS
-        stopped = any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
-        return closed and (stopped or max(obs.estimated_n) >= self._settings.contact_n)
-
-    def grips(self, obs: Observation) -> bool:
-        """Whether the thumb and an opposing finger are in contact."""
-        some, opposing = max(obs.estimated_n), max(obs.estimated_n[1:])
-        contact_n, closed = self._settings.contact_n, max(obs.gripper.positions) > OPEN_COUNTS
-        both = min(some, opposing) >= contact_n
-        return closed and both and not self._contact.thumb_lost
-
-    def _close(self, obs: Observation) -> None:
-        self._timer.restart(obs.t_ns)  # a policy may take its time
-        if obs.hand_rests and self.grips(obs):
-            self._transition(Trigger.GRIPPED, obs, "the hand rests in contact")
-            self._reset_detector = True
-
-    def _settle(self, obs: Observation) -> None:
-        s, armed = self._settings, self.slip_monitor.status.armed
-        if not obs.hand_rests or self._contact.thumb_lost:
-            self.slip_monitor.disarm()
-            self._transition(Trigger.TIGHTEN, obs, "the fingers move, or contact is lost")
-        elif not armed and self._lasted(obs, s.settle_s):
-            self._reset_detector = True
-            self.slip_monitor.arm()
-        elif self._lasted(obs, s.settle_s + s.baseline_s):
-            self._first_grasp, self._line.home = True, obs.arm.position_m
-            for trigger in (Trigger.SETTLED, Trigger.READY, Trigger.AT_TOP):
-                self._transition(trigger, obs, "the detector has its baseline")
-
-    def _rising(self, obs: Observation) -> bool:
-        return obs.arm.moving
-
-    def _hold(self, obs: Observation) -> None:
-        moved = self._positions not in (None, obs.gripper.positions)
-        self._positions = obs.gripper.positions
-        if moved and not obs.hand_rests:  # the policy closes it, and that shakes the pads
-            self.slip_monitor.closing(obs.t_ns)
-        else:
-            self._respond_to_slip(obs)
-
-    def _resume(self, obs: Observation, cause: str) -> None:
-        self.response.end()
-        self._transition(Trigger.AT_TOP, obs, cause)
-
-    def _give_up(self, obs: Observation, cause: str) -> None:
-        self.limit_reached = True
-
-
 class Reflex:
     """Call ``step`` once a tactile sample, every 10 ms. No method reads a clock or a device."""
 
     def __init__(
-        self, settings: ControllerSettings, make_step: Callable[[], GraspStep],
+        self, settings: ControllerSettings, make_step: Callable[[], GraspStep[ReflexController]],
         guard: GuardSettings, most_arm_mps: float, least_force_n: float,
     ) -> None:  # fmt: skip
-        """``make_step``: makes the parts of one grasp, with a ``ReflexController``.
+        """``make_step``: makes the parts of one grasp.
         ``most_arm_mps``: limit of the arm's speed, m/s. ``least_force_n``: of the hand, N."""
         self._settings = settings
         self._make_step = make_step
@@ -212,7 +146,6 @@ class Reflex:
         """Forget the present grasp, slip and faults. An object in the hand is held again once the
         hand has rested for 0.6 s."""
         self._step = self._make_step()
-        assert isinstance(self._step.controller, ReflexController)  # noqa: S101
         self._controller = self._step.controller
         self._sent: GripperCommand | None = None  # the last command to the hand
         self._below_limit = False
@@ -303,7 +236,7 @@ class Reflex:
             refused.append(f"force {wanted.force_n:g} N: the hand's least is {self._least_n:g} N")
         targets, speed_mps = wanted.targets_counts, wanted.speed_mps
         force_n = max(wanted.force_n, self._least_n)
-        self._met = self._controller.touches(obs) or (self._met and not opens)
+        self._met = held or self._controller.touches(obs) or (self._met and not opens)
         if self._met:
             targets = _in_contact(targets, gripper, held)
             if targets == gripper.requested:

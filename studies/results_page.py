@@ -74,12 +74,13 @@ class Claim(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=
 
 class Topic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A section of the page. Each of ``tables``: a part, the heading of its items, and the measure
-    of every other heading."""
+    of every other heading. ``only``: items to show, instead of all."""
 
     title: str
     text: str
     claims: list[Claim] = []
     tables: list[tuple[str, str, dict[str, str]]] = []
+    only: list[str] = []
     figure: str = ""
     lanes: bool = False  # with the table of what the nightly tests have written
 
@@ -160,7 +161,7 @@ def page(topics: Sequence[Topic], intro: str, kept: Kept) -> str:
             parts.append(f"`{command(*dict.fromkeys(made_by))}`")
         if topic.claims:
             parts.append(claims_table(topic.claims, kept))
-        parts += [table(kept, *each) for each in topic.tables]
+        parts += [table(kept, *each, only=topic.only) for each in topic.tables]
         if topic.lanes:
             parts.append(lanes_table())
         if (kept.figures / f"{topic.figure}.svg").exists():
@@ -187,10 +188,12 @@ def claims_table(claims: Sequence[Claim], kept: Kept) -> str:
     })  # fmt: skip
 
 
-def table(kept: Kept, part: str, heading: str, measures: dict[str, str]) -> str:
-    """One line per item, one column per measure."""
+def table(
+    kept: Kept, part: str, heading: str, measures: dict[str, str], only: Sequence[str] = ()
+) -> str:
+    """One line per item, one column per measure. ``only``: items to show, instead of all."""
     rows = [row for row in kept.rows(part) if row.measure in measures.values()]
-    items = list(dict.fromkeys(row.item for row in rows))
+    items = [i for i in dict.fromkeys(row.item for row in rows) if not only or i in only]
     cells = {(r.item, r.measure): number(r, r.value) + (f" ({s})" if (s := spread(r)) else "")
              for r in rows}  # fmt: skip
     columns = {title: [cells.get((i, m), "") for i in items] for title, m in measures.items()}

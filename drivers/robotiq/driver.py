@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from drivers.errors import Refused
-from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
+from drivers.interfaces import FINGERS, Applied, Counts3, Detection, Gripper, GripperState
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.echo_watch import ACTIVATE, RESET
 from drivers.robotiq.exchange import Exchange, ExchangeStatistics, RegisterTransport, WriteLog
@@ -103,6 +103,9 @@ class RobotiqDriver:
         return self._exchange.all_written
 
     # Verbs
+
+    def set_fallback(self, command: Callable[[Gripper], Applied] | None, text: str) -> None:
+        """Nothing: this driver has no thread of its own; `drivers.robotiq.link` has one."""
 
     def activate(self, dropping: bool = False) -> Applied:
         """Make the hand ready in basic mode.

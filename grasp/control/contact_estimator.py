@@ -45,7 +45,7 @@ class ContactEstimator:
         """Take one sample; ``airborne``: the object may be in the air."""
         t_ns, responsive_n = obs.t_ns, obs.responsive_n
         weight = min(1.0, (t_ns - self._t_ns) / GRIP_NS)
-        self.grip_n += weight * (thumb_n(obs) - self.grip_n)
+        self.grip_n += weight * (grip_force_n(obs) - self.grip_n)
         self._t_ns = t_ns
         a_n, b_n, c_n = obs.estimated_n
         # a thumb whose fingertip shows nothing still bears what both others press in the air
@@ -63,7 +63,7 @@ class ContactEstimator:
         self.overload_ns = t_ns - self._within_limit_ns
 
 
-def thumb_n(obs: Observation) -> float:
+def grip_force_n(obs: Observation) -> float:
     """Force of the thumb in one sample, as half the sum of all fingers, because a finger whose
     taxels are saturated shows no rise."""
     return sum(obs.estimated_n) / 2

@@ -9,21 +9,23 @@ import msgspec
 
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
 from grasp.control.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
+from grasp.control.compensation import Compensation
 from grasp.control.contact_estimator import ContactEstimator
 from grasp.control.controller_settings import ControllerSettings, GripPlan
-from grasp.control.fault import FINGERTIPS, LOST, TRIAL, Fault, lines
+from grasp.control.fault import FINGERTIPS, Fault, lines
 from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.control.monitors.checks import implausible
 from grasp.control.monitors.run import RunMonitor
 from grasp.control.observation import Observation
 from grasp.control.safe_state import SafeState, SafeStateSupervisor, Unconfirmed
-from grasp.control.set_down import SetDown, Transition
-from grasp.control.slip_monitor import SlipMonitor, SlipStatus
+from grasp.control.set_down import SetDown
+from grasp.control.slip_monitor import SlipMonitor
 from grasp.control.slip_response import RESPONSES
 from grasp.control.slip_response.close import CLOSED_COUNTS
 from grasp.control.state_timer import StateTimer
 from grasp.control.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 from grasp.control.touch import Touch
+from grasp.control.transition import Decision, Transition, end, fail, repeated_stop, stay
 
 # share of `controller.contact_n` below which a finger bears nothing: 6 standard deviations of an
 # unloaded simulated fingertip
@@ -36,18 +38,8 @@ UNLOADED_REMEDY = (
 WIDE = "the object is wider than its file says"
 SHORT = f"stopped on contact short of its position: {WIDE}"
 WIDE_REMEDY = "lower object.grip_counts, by 1.3 counts for each mm that a side is wider"
+RESETTING = frozenset({Trigger.GRIPPED, Trigger.SETTLED})  # the detector begins again
 ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by alarms that no closing ends; assumed
-
-
-class Decision(msgspec.Struct, frozen=True):
-    """Result of one step."""
-
-    state: State
-    slip: SlipStatus
-    commands: tuple[Command, ...]
-    reset_detector: bool = False
-    first_grasp: bool = False  # complete in this step: the guard measures safe travel from it
-    finished: bool = False
 
 
 class GraspController:
@@ -74,15 +66,16 @@ class GraspController:
         self._run_monitor = RunMonitor(settings, self._timer, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
+        self._compensation = Compensation(
+            settings, monitor, self._contact, self._timer, self.response
+        )
         by_touch = settings.first_grasp == "touch"
         self._touch = Touch(settings, plan.force_limit_n) if by_touch else None
         self._firm = False  # the closing to the force limit has been commanded
         self._loading_steps = 0  # counts that fingers without load have closed further
         # the first finger that bore nothing, and the force at the thumb then
         self._unloaded: tuple[int, float] | None = None
-        self._commands: list[Command] = []  # this and the next two: of the present step
-        self._reset_detector = self._first_grasp = False
-        self._handlers: dict[State, Callable[[Observation], None]] = {
+        self._handlers: dict[State, Callable[[Observation], Transition | None]] = {
             State.START: self._start, State.HOME: self._home, State.SHAPE: self._shape,
             State.TARE: self._tare, State.BRACE: self._brace, State.CLOSE: self._close,
             State.SETTLE: self._settle, State.BASELINE: self._baseline,
@@ -132,8 +125,6 @@ class GraspController:
     def step(self, obs: Observation) -> Decision:
         """Take one observation; returns the decision, with the commands to send."""
         state = self.machine.state
-        self._commands = []
-        self._reset_detector = self._first_grasp = False
         self._timer.update(obs, state)
         slip = self.slip_monitor.update(obs.t_ns, obs.probabilities)
         self._contact.update(obs, state in AIRBORNE_STATES)
@@ -141,24 +132,48 @@ class GraspController:
         responding = state is State.COMPENSATE and not self.response.adds_margin
         if responding or slip.registered:
             self._set_down.record_slip(obs)
-        if self._supervisor:
-            self._commands += self._supervisor.step(obs)
-        elif faults := self._run_monitor.check(obs, state):
-            self._enter_safe_state(Trigger.FAIL, obs, faults)
-        elif obs.stop:
-            self._enter_safe_state(Trigger.STOP, obs, (obs.stop,))
-        elif state not in END_STATES:
-            self._handlers[state](obs)
+        transition = self._transition(obs, state)
+        trigger, commands = (transition.trigger, transition.commands) if transition else (None, ())
+        if transition and trigger:
+            commands = self._enter(obs, trigger, transition)
         return Decision(
-            self.state, self.slip_monitor.status, tuple(self._commands),
-            self._reset_detector, self._first_grasp, self.finished,
-        )  # fmt: skip
+            self.state,
+            self.slip_monitor.status,
+            commands,
+            reset_detector=trigger in RESETTING,
+            first_grasp=trigger is Trigger.READY,
+            finished=self.finished,
+        )
+
+    def _transition(self, obs: Observation, state: State) -> Transition | None:
+        """What the supervisor of a safe state, the run's checks or the state's handler decide."""
+        if self._supervisor:
+            return stay(*self._supervisor.step(obs))
+        if faults := self._run_monitor.check(obs, state):
+            return end(Trigger.FAIL, faults)
+        if obs.stop:
+            return end(Trigger.STOP, (obs.stop,))
+        return None if state in END_STATES else self._handlers[state](obs)
+
+    def _enter(
+        self, obs: Observation, trigger: Trigger, transition: Transition
+    ) -> tuple[Command, ...]:
+        """Enter the next state; returns the commands due."""
+        self.machine.fire(trigger, obs.t_ns, transition.cause)
+        self._timer.restart(obs.t_ns)
+        if not transition.faults:
+            return transition.commands
+        self.faults = transition.faults
+        self._supervisor = SafeStateSupervisor.enter(
+            self.machine, obs, self.faults, self._settings, self.response
+        )
+        return self._supervisor.request(obs)
 
     def abort_commands(self) -> tuple[Command, ...]:
         """Commands if no further step is possible: of the safe state entered, else of a fault."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
-            hand = self._abort_state.hand_commands(self.response.closing_at_least_speed())
+            hand = self._abort_state.hand_commands(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def unconfirmed_parts(self, obs: Observation) -> Unconfirmed:
@@ -178,105 +193,101 @@ class GraspController:
 
     # Approach
 
-    def _start(self, obs: Observation) -> None:
+    def _start(self, obs: Observation) -> Transition:
         """Fail before anything moves if the hand is not open."""
         if self._plan.home is None:
             self._line.home = obs.arm.position_m
         if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
-            self._fail(obs, "the hand is closed and may hold an object")
-        elif max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
-            self._fail(obs, "the hand is not open: it could drop or hit an object")
-        elif math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
-            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape())
-        else:
-            move = self._line.move_down(0.0, self._settings.lower_speed_mps)
-            self._transition(Trigger.AWAY, obs, "run started", move)
+            return fail("the hand is closed and may hold an object")
+        if max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
+            return fail("the hand is not open: it could drop or hit an object")
+        if math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
+            return Transition(Trigger.AT_HOME, "run started", (self._preshape(),))
+        move = self._line.move_down(0.0, self._settings.lower_speed_mps)
+        return Transition(Trigger.AWAY, "run started", (move,))
 
-    def _home(self, obs: Observation) -> None:
-        if obs.hand_rests and self._line.stopped_at(obs, 0.0):
-            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape())
+    def _home(self, obs: Observation) -> Transition | None:
+        if not (obs.hand_rests and self._line.stopped_at(obs, 0.0)):
+            return None
+        return Transition(Trigger.AT_HOME, "arm home", (self._preshape(),))
 
-    def _shape(self, obs: Observation) -> None:
+    def _shape(self, obs: Observation) -> Transition | None:
         if not obs.hand_rests or not self._line.stopped_at(obs, 0.0):
-            return
+            return None
         stopped = (f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers)
         if name := next(compress(FINGER_NAMES, stopped), ""):
-            self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
-        elif obs.gripper.requested != self._plan.shape_counts:  # the command did not arrive
-            self._commands.append(self._preshape())
-        else:
-            cause = "the hand is open" if self._touch else "fingers short of the object"
-            self._transition(Trigger.SHAPED, obs, cause, BeginRest())
+            return fail(f"finger {name} {SHORT}", WIDE_REMEDY)
+        if obs.gripper.requested != self._plan.shape_counts:  # the command did not arrive
+            return stay(self._preshape())
+        cause = "the hand is open" if self._touch else "fingers short of the object"
+        return Transition(Trigger.SHAPED, cause, (BeginRest(),))
 
     # Grasp
 
-    def _tare(self, obs: Observation) -> None:
+    def _tare(self, obs: Observation) -> Transition | None:
         if not (obs.hand_rests and obs.rest_taken):
-            return
-        if self._touch:
-            first = self._touch.begin(obs)
-            self._transition(Trigger.TARED, obs, "rest counts taken", first)
-        else:
-            thumb, _, _ = self._plan.preshape_counts
-            _, b, c = self._plan.grip_counts
-            self._transition(Trigger.TARED, obs, "rest counts taken", self._grip((thumb, b, c)))
+            return None
+        thumb, _, _ = self._plan.preshape_counts
+        _, b, c = self._plan.grip_counts
+        first = self._touch.begin(obs) if self._touch else self._grip((thumb, b, c))
+        return Transition(Trigger.TARED, "rest counts taken", (first,))
 
-    def _brace(self, obs: Observation) -> None:
+    def _brace(self, obs: Observation) -> Transition | None:
         """B and C close first, so that only the thumb, which closes last, presses on the object."""
         if self._touch:
-            self._close_by_touch(obs, self._touch)
-            return
+            return self._close_by_touch(obs, self._touch)
         thumb_n, *others_n = obs.estimated_n
         pressed = min(thumb_n, max(others_n)) >= self._settings.contact_n
         if pressed and not implausible(obs.reported, FINGERTIPS):
-            self._fail(obs, f"the thumb touches while it waits: {WIDE}", WIDE_REMEDY)
-        elif self._grip_complete(obs):
-            cause = "fingers B and C rest at their positions"
-            self._transition(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
+            return fail(f"the thumb touches while it waits: {WIDE}", WIDE_REMEDY)
+        if not obs.hand_rests:
+            return None
+        closing = self._grip(self._plan.grip_counts)
+        cause = "fingers B and C rest at their positions"
+        return self._incomplete(obs) or Transition(Trigger.BRACED, cause, (closing,))
 
-    def _close(self, obs: Observation) -> None:
+    def _close(self, obs: Observation) -> Transition | None:
         """The thumb closes to its position; for a firm grip it then closes to the force limit."""
         if self._touch and not self._touch.complete:
-            self._close_by_touch(obs, self._touch)
-            return
-        if not self._grip_complete(obs):
-            return
+            return self._close_by_touch(obs, self._touch)
+        if not obs.hand_rests:
+            return None
+        if failed := self._incomplete(obs):
+            return failed
         cause = "fingers rest at their positions"
         if self._settings.firm and not self._firm:
             self._firm = True
-            self._transition(Trigger.TIGHTEN, obs, cause, self.response.closing_at_least_speed())
-        else:
-            cause = "the thumb stopped at the force limit" if self._firm else cause
-            self._transition(Trigger.GRIPPED, obs, cause)
-            self._reset_detector = True
+            return Transition(Trigger.TIGHTEN, cause, (self.response.slow_closing(),))
+        cause = "the thumb stopped at the force limit" if self._firm else cause
+        return Transition(Trigger.GRIPPED, cause)
 
-    def _close_by_touch(self, obs: Observation, touch: Touch) -> None:
+    def _close_by_touch(self, obs: Observation, touch: Touch) -> Transition | None:
         command = touch.update(obs)
         commands = () if command is None else (command,)
         if touch.failed:
-            self._fail(obs, *touch.failed)
-        elif touch.complete:
-            self._transition(Trigger.GRIPPED, obs, "the fingertips feel the first force")
-            self._reset_detector = True
-        elif self.state is State.BRACE and touch.braced:
-            self._transition(Trigger.BRACED, obs, "B and C wait, or touch the object", *commands)
-        else:
-            self._commands += commands
+            return fail(*touch.failed)
+        if touch.complete:
+            return Transition(Trigger.GRIPPED, "the fingertips feel the first force")
+        if self.state is State.BRACE and touch.braced:
+            return Transition(Trigger.BRACED, "B and C wait, or touch the object", commands)
+        return stay(*commands)
 
-    def _settle(self, obs: Observation) -> None:
-        if not (self._grip_complete(obs) and self._lasted(obs, self._settings.settle_s)):
-            return
+    def _settle(self, obs: Observation) -> Transition | None:
+        if not obs.hand_rests:
+            return None
+        if failed := self._incomplete(obs):
+            return failed
+        if not self._lasted(obs, self._settings.settle_s):
+            return None
         finger = min((1, 2), key=lambda i: obs.estimated_n[i])
         unloaded = obs.estimated_n[finger] < LOADED_SHARE * self._settings.contact_n
         # a thumb without contact ends the run later; implausible fingertips prove nothing
         if unloaded and not (self._contact.thumb_lost or implausible(obs.reported, FINGERTIPS)):
-            self._load_finger(obs, finger)
-        else:
-            self._transition(Trigger.SETTLED, obs, "pads relaxed")
-            self._reset_detector = True
-            self.slip_monitor.arm()
+            return self._load_finger(obs, finger)
+        self.slip_monitor.arm()
+        return Transition(Trigger.SETTLED, "pads relaxed")
 
-    def _load_finger(self, obs: Observation, finger: int) -> None:
+    def _load_finger(self, obs: Observation, finger: int) -> Transition:
         """Close a finger that bears nothing by one count, or end the run where it may not close
         further: an object between two fingers slides without a registered slip."""
         limit_n, steps, targets = (
@@ -295,101 +306,46 @@ class GraspController:
         if closable and steps < LOADING_STEPS and not (self._firm or dead):
             self._loading_steps += 1
             a, b, c = targets
-            self._transition(Trigger.TIGHTEN, obs, cause, self._grip((a, b, c)))
-            return
+            return Transition(Trigger.TIGHTEN, cause, (self._grip((a, b, c)),))
         load = f"its fingertip shows {obs.estimated_n[first]:.2f} N after {steps} more counts"
         if dead:
             load += f", while the thumb rose by {rise_n:.1f} N: the fingertip may be dead"
         most = f"at most {LOADING_STEPS} are tried, while the thumb stays within {limit_n:g} N"
-        self._fail(obs, f"{cause}: {load}; {most}", UNLOADED_REMEDY)
+        return fail(f"{cause}: {load}; {most}", UNLOADED_REMEDY)
 
-    def _baseline(self, obs: Observation) -> None:
-        if not self._grip_complete(obs):
-            return
+    def _baseline(self, obs: Observation) -> Transition | None:
+        if not obs.hand_rests:
+            return None
+        if failed := self._incomplete(obs):
+            return failed
         if self._contact.thumb_lost:
-            self._fail(obs, "no contact at the thumb's position: no object, or a narrower one")
-        elif self._lasted(obs, self._settings.baseline_s):
-            move = self._line.move(self._settings.lift_height_m, self._settings.lift_speed_mps)
-            self._transition(Trigger.READY, obs, "the detector has its baseline", move)
-            self._first_grasp = True
+            return fail("no contact at the thumb's position: no object, or a narrower one")
+        if not self._lasted(obs, self._settings.baseline_s):
+            return None
+        move = self._line.move(self._settings.lift_height_m, self._settings.lift_speed_mps)
+        return Transition(Trigger.READY, "the detector has its baseline", (move,))
 
     # In the air
 
-    def _lift(self, obs: Observation) -> None:
-        if not self._respond_to_slip(obs) and self._line.stopped_at(
-            obs, self._settings.lift_height_m
-        ):
-            self._transition(Trigger.AT_TOP, obs, "arm at the top")
+    def _lift(self, obs: Observation) -> Transition | None:
+        if transition := self._compensation.begin(obs, rising=True):
+            return transition
+        arrived = self._line.stopped_at(obs, self._settings.lift_height_m)
+        return Transition(Trigger.AT_TOP, "arm at the top") if arrived else None
 
-    def _rising(self, obs: Observation) -> bool:
-        return self.state is State.LIFT  # in `hold` the arm is at rest
+    def _compensate(self, obs: Observation) -> Transition | None:
+        decided = self._compensation.update(obs)
+        if decided and decided.trigger is Trigger.LOWER:
+            self.limit_reached = True
+            return self._lower(decided.cause)
+        if decided and decided.trigger is Trigger.STEADY:
+            resume = self.response.end()
+            if self._line.stopped_at(obs, self._settings.lift_height_m):
+                return Transition(Trigger.AT_TOP, decided.cause)
+            return Transition(Trigger.STEADY, decided.cause, resume)
+        return decided
 
-    def _respond_to_slip(self, obs: Observation) -> bool:
-        """Respond to slip or lost contact, or add a due margin. Return whether a response started
-        or the object is lost."""
-        slip, lost = self.slip_monitor.status, self._contact.thumb_lost
-        rising = self._rising(obs)
-        # with `hold_by_clock` slip at the limit is ignored: no closing and no set-down could follow
-        ignored = self._settings.hold_by_clock and obs.at_limit
-        if lost and obs.at_limit:
-            self._lose(obs, "contact lost, and the thumb can close no further")
-        elif self._settings.reactions and (lost or (slip.registered and not ignored)):
-            registered = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
-            first = self.response.begin(obs, rising, lost)
-            self._transition(Trigger.SLIP, obs, "contact lost" if lost else registered, *first)
-        elif margin := self.response.follow_up(obs, rising):
-            cause = "the force that ended slip has carried the object: margin added"
-            self._transition(Trigger.SLIP, obs, cause, *margin)
-        else:
-            return False
-        return True
-
-    def _compensate(self, obs: Observation) -> None:
-        slip, response = self.slip_monitor.status, self.response
-        alarm = slip.registered or slip.masked or not obs.hand_rests
-        response.update(obs, alarm, self._timer.elapsed_ns)
-        self._repeat_stop(obs, response.arm_stop)
-        if not obs.hand_rests:
-            self.slip_monitor.closing(obs.t_ns)
-        elif obs.second_stage_due:  # of the same response
-            self.slip_monitor.closing(obs.t_ns)
-            self._commands.append(response.closing(obs, self._contact.thumb_lost))
-        elif self._contact.thumb_lost:
-            self._lose(obs, "the hand closed and met no object")
-        elif slip.masked:
-            pass  # the pads still vibrate from the closing
-        elif response.exhausted and not self._settings.hold_by_clock:
-            self._give_up(obs, "slip recurs and the force cannot rise further")
-        elif slip.registered:
-            self._handle_continuing_slip(obs)
-        elif response.over(obs):
-            self._resume(obs, "slip has stopped")
-
-    def _handle_continuing_slip(self, obs: Observation) -> None:
-        """Handle slip that is still registered after the closing and its mask have ended."""
-        s = self._settings
-        waited_ns = obs.t_ns - max(self._timer.entered_ns, self.slip_monitor.masked_until_ns)
-        more = self.response.escalate(obs, waited_ns)
-        if more is not None:
-            self._commands += more
-        elif s.hold_by_clock:
-            self._resume(obs, "slip continues; the hold ends after hold_s")
-        elif waited_ns >= s.limit_patience_s * 1e9:
-            self._give_up(obs, "slip continues and the force cannot rise further")
-
-    def _give_up(self, obs: Observation, cause: str) -> None:
-        """Set the object down, because the force cannot rise further."""
-        self.limit_reached = True
-        self._lower(obs, cause)
-
-    def _resume(self, obs: Observation, cause: str) -> None:
-        resume = self.response.end()
-        if self._line.stopped_at(obs, self._settings.lift_height_m):
-            self._transition(Trigger.AT_TOP, obs, cause)
-        else:
-            self._transition(Trigger.STEADY, obs, cause, *resume)
-
-    def _hold(self, obs: Observation) -> None:
+    def _hold(self, obs: Observation) -> Transition | None:
         """Hold for ``hold_s`` after the last response to slip. Alarms that no closing can end
         extend the hold. It then ends at most ``hold_s`` plus ``ALARM_HOLD_NS`` after the arm first
         arrived at the top."""
@@ -397,88 +353,45 @@ class GraspController:
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
         futile = held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS and obs.closing_exhausted
-        if not (over or futile) and self._respond_to_slip(obs):
-            return
-        if over or futile or set_down or self._lasted(obs, s.hold_s):
-            self.alarm_stayed = self.slip_monitor.status.registered
-            if s.keep:
-                self._transition(Trigger.KEEP, obs, "held long enough")
-            else:
-                self._lower(obs, "set-down requested" if set_down else "held long enough")
+        if not (over or futile) and (transition := self._compensation.begin(obs, rising=False)):
+            return transition
+        if not (over or futile or set_down or self._lasted(obs, s.hold_s)):
+            return None
+        self.alarm_stayed = self.slip_monitor.status.registered
+        if s.keep:
+            return Transition(Trigger.KEEP, "held long enough")
+        return self._lower("set-down requested" if set_down else "held long enough")
 
     # Set down
 
-    def _lower(self, obs: Observation, cause: str) -> None:
+    def _lower(self, cause: str) -> Transition:
         self.slip_monitor.disarm()
-        self._apply(obs, self._set_down.begin(cause))
+        return self._set_down.begin(cause)
 
-    def _descend(self, obs: Observation) -> None:
-        self._apply(obs, self._set_down.descend(obs))
+    def _descend(self, obs: Observation) -> Transition | None:
+        return self._set_down.descend(obs)
 
-    def _feel(self, obs: Observation) -> None:
-        if transition := self._set_down.feel(obs):
-            self._apply(obs, transition)
-        else:
-            self._repeat_stop(obs, self._set_down.arm_stop)
+    def _feel(self, obs: Observation) -> Transition | None:
+        stop = self._set_down.arm_stop
+        return self._set_down.feel(obs) or stay(*repeated_stop(obs, self._timer, stop))
 
-    def _apply(self, obs: Observation, transition: Transition | None) -> None:
-        if transition and transition.trigger is Trigger.LOSE:
-            self._lose(obs, transition.cause)
-        elif transition:
-            self._transition(transition.trigger, obs, transition.cause, *transition.commands)
+    def _open(self, obs: Observation) -> Transition | None:
+        if not obs.hand_rests:
+            return None
+        if not obs.gripper.is_open:
+            return fail(f"the fingers stopped at {obs.gripper.positions} counts: not open")
+        move = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
+        return Transition(Trigger.OPENED, "fingers open", (move,))
 
-    def _open(self, obs: Observation) -> None:
-        if obs.hand_rests and not obs.gripper.is_open:
-            self._fail(obs, f"the fingers stopped at {obs.gripper.positions} counts: not open")
-        elif obs.hand_rests:
-            move = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
-            self._transition(Trigger.OPENED, obs, "fingers open", move)
-
-    def _retreat(self, obs: Observation) -> None:
-        if obs.hand_rests and self._line.stopped_at(obs, self._set_down.clear_m):
-            self._transition(Trigger.CLEAR, obs, "arm clear")
-
-    # From any state
-
-    def _lose(self, obs: Observation, cause: str) -> None:
-        """The object is lost: stop the arm and lower nothing."""
-        faults = (Fault(LOST, TRIAL, cause, kind=LOST),)
-        self._enter_safe_state(Trigger.LOSE, obs, faults, cause)
-
-    def _fail(self, obs: Observation, cause: str, remedy: str = "") -> None:
-        """End the run because the grasp failed, although no device did."""
-        self._enter_safe_state(Trigger.FAIL, obs, (Fault("grasp_failed", TRIAL, cause, remedy),))
-
-    def _enter_safe_state(
-        self, trigger: Trigger, obs: Observation, faults: tuple[Fault, ...] = (), cause: str = ""
-    ) -> None:
-        self.faults = faults
-        self._transition(trigger, obs, cause or lines(faults))
-        before = self.machine.before
-        half_closed = before is State.COMPENSATE and obs.first_stage
-        safe = SafeState(self.state, before, obs.t_ns, self.faults, half_closed)
-        self._supervisor = SafeStateSupervisor(safe, self._settings, self.response)
-        self._commands += self._supervisor.request(obs)
+    def _retreat(self, obs: Observation) -> Transition | None:
+        clear = obs.hand_rests and self._line.stopped_at(obs, self._set_down.clear_m)
+        return Transition(Trigger.CLEAR, "arm clear") if clear else None
 
     # What handlers share
-
-    def _transition(
-        self, trigger: Trigger, obs: Observation, cause: str, *commands: Command
-    ) -> None:
-        """Leave the present state, with the commands whose effect the next state waits for."""
-        self.machine.fire(trigger, obs.t_ns, cause)
-        self._timer.restart(obs.t_ns)
-        self._commands += commands
 
     def _lasted(self, obs: Observation, duration_s: float) -> bool:
         """Whether the present state has lasted for ``duration_s``."""
         return obs.t_ns - self._timer.entered_ns >= duration_s * 1e9
-
-    def _repeat_stop(self, obs: Observation, stop: StopArm | None) -> None:
-        """Repeat the arm stop with which this state began while the arm still moves: the command
-        may have been lost."""
-        if stop and obs.arm.moving and not obs.pending and self._timer.repeat_due(obs.t_ns):
-            self._commands.append(stop)
 
     def _preshape(self) -> MoveFingers:
         s = self._settings
@@ -487,15 +400,11 @@ class GraspController:
     def _grip(self, targets: Counts3) -> MoveFingers:
         return MoveFingers(targets, self._settings.grip_speed_mps, self._settings.grip_force_n)
 
-    def _grip_complete(self, obs: Observation) -> bool:
-        """Whether the fingers are at rest in the planned grip. Ends the run where a finger stopped
-        on contact short of its position, or the thumb of a firm grip met no object."""
-        if not obs.hand_rests:
-            return False
+    def _incomplete(self, obs: Observation) -> Transition | None:
+        """The end of the run where a finger of a hand at rest stopped on contact short of its
+        position, or the thumb of a firm grip met no object. None if the grip is complete."""
         if self._firm and not obs.gripper.thumb_latched:
-            self._fail(obs, "the thumb closed fully and met no object")
-            return False
+            return fail("the thumb closed fully and met no object")
         if not self._firm and not self._touch and (name := obs.gripper.not_at_target):
-            self._fail(obs, f"finger {name} {SHORT}", WIDE_REMEDY)
-            return False
-        return True
+            return fail(f"finger {name} {SHORT}", WIDE_REMEDY)
+        return None

@@ -1,8 +1,8 @@
 """ForceGuard: limits the force of every gripper command.
 
 *Commanded* force, the calibrated static force of each command to the gripper, is never above the
-limit, whatever the controller requests. *Measured* force, estimated from the fingertips 20-80 ms
-late, can only stop further closing: it cannot limit the force on a rigid object.
+limit, whatever the controller requests. *Estimated* force, from the fingertips and 20-80 ms late,
+can only stop further closing: it cannot limit the force on a rigid object.
 
 Finger A, the thumb, opposes B and C, so it carries their sum. With `every_finger` the thumb
 therefore closes alone while B and C hold. With `each_motor` all three close and the limit applies
@@ -135,6 +135,7 @@ class ForceGuard:
         self._stiffness = stiffness
         self._travel_bound = travel_bound
         self._free_counts = free_counts
+        self._grasped = False  # the first grasp is complete
         self._first_grasp: tuple[Counts3, Vector3] | None = None
         # With ``travel_bound``, from the first grasp on: positions at which the fingers' force
         # reaches the limit at the stated stiffness, rounded down to motor counts
@@ -167,7 +168,9 @@ class ForceGuard:
                 self.stalled_n = max(self.stalled_n, self.grip.now.force_n)
 
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
-        """Take the first grasp as the reference of safe travel."""
+        """Take the first grasp as the reference of safe travel. From now on, with `every_finger`, B
+        and C close no further."""
+        self._grasped = True
         if self.grip is not None:
             self.grip.begin()
             self.thumb_limit_counts = self.grip.limit_counts
@@ -238,6 +241,9 @@ class ForceGuard:
         if closes and self.overloaded(estimated_n):
             return HoldFingers()
         targets = self._within_travel(command.targets_counts, state, estimated_n)
+        if self._grasped and self._settings.limit_mode == "every_finger":
+            (a, b, c), (_, at_b, at_c) = targets, state.requested
+            targets = a, min(b, at_b), min(c, at_c)  # the thumb would bear the sum
         return MoveFingers(
             targets_counts=targets,
             speed_mps=self._limited_speed(command.speed_mps, targets, state, estimated_n),

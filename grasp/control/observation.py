@@ -51,8 +51,7 @@ class StepInput(msgspec.Struct, kw_only=True):
 class Observation(StepInput, kw_only=True):
     """All that the controller knows in one step: the inputs, and values derived from them.
 
-    Made with the inputs; ``GraspStep`` then sets the derived values, before the controller's step.
-    Nothing changes it afterwards.
+    Made with the inputs; ``GraspStep`` sets the derived values once, before the controller's step.
 
     ``probabilities``: of slip, (3,); zeros without a fresh frame. ``faults``: ``errors`` and
     plausibility checks that failed; ``reported``: failed checks that do not end the run.
@@ -62,8 +61,8 @@ class Observation(StepInput, kw_only=True):
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
     ``reading``, ``rise_n``, ``rise_measured``: of a grip by touch, see ``GripMeasure``.
-    ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
-    only recorded and shown, and takes longer than the detector itself.
+    ``motion``: reads the kind of slip, where the detector estimates it: once, at the latest before
+    the next step. It is only recorded and shown, and takes longer than the detector itself.
     """
 
     probabilities: NDArray[np.float64] = NO_SLIP
@@ -94,6 +93,11 @@ class Observation(StepInput, kw_only=True):
             text = "arm stopped by its safety system"
             return Fault("arm_safety_stop", ARM, text, "release the stop at the arm's pendant")
         return None
+
+    @property
+    def by_touch(self) -> bool:
+        """Whether the first grasp was closed by touch, so that readings at rest bound the force."""
+        return self.rise_n is not None
 
     @property
     def hand_rests(self) -> bool:

@@ -2,11 +2,11 @@
 until it is confirmed.
 
 The commands depend on the cause (a fault, a stop by a person, a lost object) and on the state in
-which it occurred. The table is in docs/architecture.md, "Safe states".
+which it occurred. The table is in docs/force-limit.md, "Faults and reactions".
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import msgspec
 
@@ -23,6 +23,7 @@ from grasp.control.states import (
     CONTACT_STATES,
     UNMOVED_STATES,
     State,
+    StateMachine,
 )
 
 SAFE_STATE_NS = 3_000_000_000  # longest time for which a safe state is requested; assumed
@@ -121,6 +122,16 @@ class SafeStateSupervisor:
         self.unconfirmed: tuple[str, ...] = ()
         self.later_faults: tuple[Fault, ...] = ()
         self._requested_ns = 0  # time of the last request
+
+    @classmethod
+    def enter(
+        cls, machine: StateMachine, obs: Observation, faults: tuple[Fault, ...],
+        settings: ControllerSettings, response: SlipResponse,
+    ) -> Self:  # fmt: skip
+        """Supervise the safe state that the machine has just entered because of these faults."""
+        half_closed = machine.before is State.COMPENSATE and obs.first_stage
+        safe = SafeState(machine.state, machine.before, obs.t_ns, faults, half_closed)
+        return cls(safe, settings, response)
 
     def step(self, obs: Observation) -> tuple[Command, ...]:
         """Commands to send now."""

@@ -7,15 +7,14 @@ Below that height the fingers slide down along the object; where it widens, the 
 import math
 from enum import Enum, auto
 
-import msgspec
-
-from grasp.control.commands import Command, OpenFingers, StopArm
-from grasp.control.contact_estimator import ContactEstimator, thumb_n
+from grasp.control.commands import OpenFingers, StopArm
+from grasp.control.contact_estimator import ContactEstimator, grip_force_n
 from grasp.control.controller_settings import ControllerSettings
 from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.control.observation import Observation
 from grasp.control.state_timer import StateTimer
 from grasp.control.states import Trigger
+from grasp.control.transition import Transition, lose
 
 CREEP_SHARE = 0.8  # share of controller.phase_timeout_s that the slow descent may take
 # in this time an object falls 5 cm: it may stand on the table and be gripped at a higher point
@@ -31,15 +30,7 @@ MAX_RISE_SHARE = 0.15  # largest total rise, relative to the least grip; sliding
 MAX_TIGHTENINGS = 8  # after so many without a conclusive probe the run ends; assumed
 
 
-class Transition(msgspec.Struct, frozen=True):
-    """A change of state: the trigger, its cause, and the commands to send."""
-
-    trigger: Trigger
-    cause: str
-    commands: tuple[Command, ...] = ()
-
-
-LOST_WHILE_LOWERING = Transition(Trigger.LOSE, "contact lost while lowering")
+LOST_WHILE_LOWERING = lose("contact lost while lowering")
 
 
 class Step(Enum):
@@ -89,7 +80,7 @@ class SetDown:
         gap_ns = self._contact.longest_gap_ns
         if gap_ns >= CONTACT_GAP_NS:
             gap = f"no contact for {gap_ns * 1e-9:.2f} s during the lift"
-            return Transition(Trigger.LOSE, f"{gap}: the held object may stand on the table")
+            return lose(f"{gap}: the held object may stand on the table")
         return self._descend_fast(cause)
 
     def descend(self, obs: Observation) -> Transition | None:
@@ -132,7 +123,7 @@ class SetDown:
             return None
         rest_ns = obs.t_ns - still_ns
         if rest_ns >= STILL_NS / 2:
-            self._still_grips_n.append(thumb_n(obs))
+            self._still_grips_n.append(grip_force_n(obs))
         return sum(self._still_grips_n) / len(self._still_grips_n) if rest_ns >= STILL_NS else None
 
     @property
@@ -205,9 +196,7 @@ class SetDown:
                 obs, f"the object stands: a step changed the grip by {rise_n:+.1f} N"
             )
         if self._tightenings >= MAX_TIGHTENINGS or grip_n >= (1 + MAX_RISE_SHARE) * self._least_n:
-            return Transition(
-                Trigger.LOSE, "the grip tightens; uncertain whether the object stands"
-            )
+            return lose("the grip tightens; uncertain whether the object stands")
         unchanged = "a step down did not tighten the grip"
         if too_high:
             return self._descend_fast("no object can stand yet" if changed else unchanged)

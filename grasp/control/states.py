@@ -74,10 +74,12 @@ SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # without tra
 UNTARED_STATES = SAFE_STATES | {State.START, State.HOME, State.SHAPE}
 
 # names of the top level, each for all states in it
-AIRBORNE = ("lift", "compensate", "hold", "lower")
-RUNNING = ("approach", "grasp", *AIRBORNE, "release", "done")
+LIFTED = ("lift", "compensate", "hold", "lower")
+RUNNING = ("approach", "grasp", *LIFTED, "release", "done")
 
-TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
+Transitions = tuple[tuple[Trigger, tuple[str, ...], State], ...]  # trigger, from, to
+
+TRANSITIONS: Transitions = (
     (Trigger.AWAY, (State.START,), State.HOME),
     (Trigger.AT_HOME, (State.START, State.HOME), State.SHAPE),
     (Trigger.SHAPED, (State.SHAPE,), State.TARE),
@@ -96,7 +98,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
     (Trigger.KEEP, (State.HOLD,), State.KEPT),
     (Trigger.OPENED, (State.OPEN,), State.RETREAT),
     (Trigger.CLEAR, (State.RETREAT,), State.SET_DOWN),
-    (Trigger.LOSE, AIRBORNE, State.LOST),
+    (Trigger.LOSE, LIFTED, State.LOST),
     (Trigger.STOP, RUNNING, State.STOPPED),
     (Trigger.FAIL, RUNNING, State.FAULT),
 )
@@ -122,13 +124,13 @@ def _within(names: tuple[str, ...]) -> list[str]:
 class StateMachine:
     """The current state and the log of transitions."""
 
-    def __init__(self, state: State = State.START) -> None:
+    def __init__(self, state: State = State.START, transitions: Transitions = TRANSITIONS) -> None:
         self.state = state
         self.log: list[PhaseChange] = []
         self._model = _Model()
         self._machine = Machine(
             self._model, states=[str(s) for s in State], initial=state.value,
-            transitions=[[str(t), _within(sources), str(to)] for t, sources, to in TRANSITIONS],
+            transitions=[[str(t), _within(sources), str(to)] for t, sources, to in transitions],
             auto_transitions=False, send_event=True, after_state_change=self._note,
         )  # fmt: skip
 

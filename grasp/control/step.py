@@ -6,9 +6,10 @@ inputs: no clock, no sleep, no I/O.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import compress
+from typing import Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -18,13 +19,15 @@ from detector.interface import Motion, SlipDetector
 from drivers.errors import GraspError, counted, describe_exception, one_line
 from drivers.interfaces import GripperState, TactileFrame, Vector3
 from grasp.control.commands import CloseToLimit, Command, GripperCommand
-from grasp.control.controller import Decision, GraspController
 from grasp.control.fault import Fault
 from grasp.control.guard import ForceGuard
 from grasp.control.monitors.checks import DETECTOR_FAILED, Monitors, failed, invalid_probabilities
 from grasp.control.monitors.settings import MonitorSettings
 from grasp.control.observation import NO_SLIP, Observation
 from grasp.control.states import OPEN_STATES, UNTARED_STATES
+from grasp.control.transition import Controller, Decision
+
+AnyController = TypeVar("AnyController", bound=Controller)
 
 SLIP_LIKELY = 0.5  # below this the kind of slip is not read: it is trained on slip only
 
@@ -37,13 +40,13 @@ class StepResult(msgspec.Struct, frozen=True):
     admitted: tuple[Command, ...]
 
 
-class GraspStep:
+class GraspStep(Generic[AnyController]):
     """Detector, controller and guard of one run. Call ``decide`` once a tactile sample."""
 
     def __init__(
         self,
         detector: SlipDetector,
-        controller: GraspController,
+        controller: AnyController,
         guard: ForceGuard,
         monitors: Monitors | None = None,
         motion: Callable[[], Motion | None] = lambda: None,
@@ -67,8 +70,7 @@ class GraspStep:
         self._observe(obs)
         decision = self.controller.step(obs)
         if decision.reset_detector:
-            motion = obs.motion()  # of the state before
-            obs.motion = lambda: motion
+            obs.motion()  # of the state before: it keeps its first value
             self._reset_detector()
         if decision.first_grasp:
             self._guard.set_first_grasp(obs.gripper.min_closure_counts, self._estimated_n)
@@ -87,12 +89,10 @@ class GraspStep:
             self.last_close = admitted
         return admitted
 
-    def fallback(self, gripper: GripperState) -> GripperCommand | None:
-        """The hand's safe command if the loop ends now. None: leave the hand as it is."""
-        if self.controller.finished:
-            return None
-        hand = (c for c in self.controller.abort_commands() if isinstance(c, GripperCommand))
-        command = next(hand, None)
+    def fallback(self, commands: Iterable[Command], gripper: GripperState) -> GripperCommand | None:
+        """The first of these commands to the hand as the guard admits it now, to be sent later if
+        the loop has ended. None: leave the hand as it is."""
+        command = next((c for c in commands if isinstance(c, GripperCommand)), None)
         return None if command is None else self._guard.admit(command, gripper, self._estimated_n)
 
     def _observe(self, obs: Observation) -> None:
@@ -126,7 +126,7 @@ class GraspStep:
             obs.reading, obs.rise_n, obs.rise_measured = grip.now, grip.rise_n, grip.measured
         obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
         obs.thumb_limit_counts = self._guard.thumb_limit_counts
-        obs.motion = partial(self._kind_of_slip, probabilities)
+        obs.motion = partial(self._kind_of_slip, probabilities, [])
 
     def _estimate_force(self, counts: list[list[int]]) -> None:
         a, b, c = map(sum, counts)
@@ -152,11 +152,16 @@ class GraspStep:
         invalid = invalid_probabilities(probabilities)
         return (NO_SLIP, invalid) if invalid else (probabilities, None)
 
-    def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
-        if max(probabilities.tolist()) > SLIP_LIKELY:
-            with counted(self.hidden):  # only recorded, so a bug must not end a run
-                return self._motion()
-        return None
+    def _kind_of_slip(
+        self, probabilities: NDArray[np.float64], read: list[Motion | None]
+    ) -> Motion | None:
+        """The detector's estimate; ``read`` keeps it, because a reset of the detector ends it."""
+        if not read:
+            read.append(None)
+            if max(probabilities.tolist()) > SLIP_LIKELY:
+                with counted(self.hidden):  # only recorded, so a bug must not end a run
+                    read[0] = self._motion()
+        return read[0]
 
     def _reset_detector(self) -> None:
         """Reset the detector; after a failure it is not used until a reset succeeds."""

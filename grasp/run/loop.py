@@ -32,12 +32,13 @@ from grasp.control.commands import (
     StopArm,
     describe,
 )
-from grasp.control.controller import Decision
+from grasp.control.controller import GraspController
 from grasp.control.controller_settings import LoopSettings
 from grasp.control.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
 from grasp.control.observation import Observation
 from grasp.control.states import State
 from grasp.control.step import GraspStep, StepResult
+from grasp.control.transition import Decision
 from grasp.run import signals
 from grasp.run.clock import Clock, Deadlines, stopwatch_ns
 
@@ -110,10 +111,6 @@ class Timing:
         self.repeated_frames = 0  # periods without a new frame
 
 
-# sets the motion that a gripper driver's thread makes when polling ends, and its description
-_SetFallback = Callable[[Callable[[Gripper], Applied] | None, str], None]
-
-
 class _Waiting(msgspec.Struct, frozen=True):
     """A command that has been decided and not been sent yet."""
 
@@ -135,7 +132,7 @@ class ControlLoop:
         self,
         devices: Devices,
         clock: Clock,
-        step: GraspStep,
+        step: GraspStep[GraspController],
         settings: LoopSettings,
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
@@ -157,8 +154,6 @@ class ControlLoop:
         self._stop: Fault | None = None
         self._gripper_lost = False
         self._late_ns = self._took_ns = self._arm_ns = 0
-        # only a gripper driver with its own thread can act while no step follows
-        self._set_fallback: _SetFallback | None = getattr(devices.gripper, "set_fallback", None)
 
     def run(self, deadline_s: float) -> None:
         """Tick until the controller has finished, at most for deadline_s plus the additional time
@@ -196,8 +191,9 @@ class ControlLoop:
             self._enqueue(now_ns, decided_ns, result)
         if self._queue and not clock.virtual:
             self._send_before_observers()
-        if self._set_fallback is not None:
-            self._prepare_fallback(self._step.fallback(obs.gripper))
+        if not clock.virtual:
+            due = self._step.controller.abort_commands() if not result.decision.finished else ()
+            self._prepare_fallback(self._step.fallback(due, obs.gripper))
         tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
         self._last = tick
@@ -296,12 +292,8 @@ class ControlLoop:
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
         """Set the command that the gripper driver's thread sends if no further step follows."""
-        if self._set_fallback is None:
-            return
-        if command is None:
-            self._set_fallback(None, "")
-        else:
-            self._set_fallback(partial(to_gripper, command), describe(command))
+        act = None if command is None else partial(to_gripper, command)
+        self._devices.gripper.set_fallback(act, "" if command is None else describe(command))
 
     def _await_period(self) -> int:
         """Sleep until the next deadline and send commands that become due; returns the time."""

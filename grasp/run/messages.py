@@ -14,10 +14,10 @@ import numpy as np
 from detector.interface import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.control.commands import Command
-from grasp.control.controller import Decision
 from grasp.control.fault import Fault
 from grasp.control.observation import Observation, StepInput
 from grasp.control.states import PhaseChange
+from grasp.control.transition import Decision
 from grasp.run.loop import Tick
 
 Int16 = Annotated[int, msgspec.Meta(ge=-(2**15), lt=2**15)]

@@ -4,11 +4,12 @@ import msgspec
 
 from drivers.interfaces import FINGERS
 from grasp.control.monitors.checks import Monitors
+from grasp.control.reflex_controller import ReflexController
 from grasp.control.step import GraspStep
-from grasp.policy_reflex import PolicyArmHistory, Reflex, ReflexController
+from grasp.policy_reflex import PolicyArmHistory, Reflex
 from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import make_controller, make_step
+from scenarios.trial.execution import controller_parts, make_step
 
 
 def make_reflex(config: TrialConfig) -> Reflex:
@@ -26,10 +27,10 @@ def make_reflex(config: TrialConfig) -> Reflex:
     config = replace(config, object=unknown, controller=controller)
     detector = config.make_detector(FINGERS)
 
-    def parts() -> GraspStep:
+    def parts() -> GraspStep[ReflexController]:
         monitors = Monitors(config.monitors)
         monitors.arm = PolicyArmHistory(config.monitors)
-        controller = make_controller(config, kind=ReflexController)
+        controller = ReflexController(*controller_parts(config))
         return make_step(config, controller, monitors=monitors, detector=detector)
 
     least_n = calibration(config).least_force_n

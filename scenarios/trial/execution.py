@@ -15,13 +15,13 @@ from drivers.errors import GraspError, counted
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.controller import GraspController
-from grasp.control.controller_settings import GripPlan
+from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.fault import INTERNAL, INTERRUPTED, LOST, SAFETY_STOP, TRIAL, WORLD, Fault, lines
 from grasp.control.guard import ForceGuard
 from grasp.control.monitors.checks import STOOD_STILL, Monitors
 from grasp.control.slip_monitor import SlipMonitor
 from grasp.control.states import State
-from grasp.control.step import GraspStep
+from grasp.control.step import AnyController, GraspStep
 from grasp.run import signals
 from grasp.run.loop import ControlLoop, Tick
 from grasp.run.realtime import real_time
@@ -109,29 +109,32 @@ def patience_s(config: TrialConfig) -> float:
     return max(config.controller.limit_patience_s, config.memory_s)
 
 
-def make_controller(
-    config: TrialConfig,
-    home: Vector3 | None = None,
-    kind: type[GraspController] = GraspController,
-) -> GraspController:
-    """The controller; ``home`` is the arm's position from an earlier run, None: where it is now."""
+def controller_parts(
+    config: TrialConfig, home: Vector3 | None = None
+) -> tuple[ControllerSettings, GripPlan, SlipMonitor]:
+    """Settings, plan and slip monitor of a controller; ``home``: see ``make_controller``."""
     monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
     settings = msgspec.structs.replace(config.controller, limit_patience_s=patience_s(config))
-    return kind(settings, grip_plan(config, home), monitor)
+    return settings, grip_plan(config, home), monitor
+
+
+def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
+    """The controller; ``home`` is the arm's position from an earlier run, None: where it is now."""
+    return GraspController(*controller_parts(config, home))
 
 
 def make_step(
     config: TrialConfig,
-    controller: GraspController | None = None,
+    controller: AnyController,
     guard: ForceGuard | None = None,
     monitors: Monitors | None = None,
     detector: SlipDetector | None = None,
-) -> GraspStep:
+) -> GraspStep[AnyController]:
     """The computation from frame to commands, as configured; arguments replace single parts."""
     detector = detector or config.make_detector(FINGERS)
     return GraspStep(
         detector,
-        controller or make_controller(config),
+        controller,
         guard or make_guard(config),
         monitors or Monitors(config.monitors),
         motion_reader(detector),
@@ -319,7 +322,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no real device, and one of its steps may take longer than a second
-    with signals.watchdog(loop.abort) if rig.wall_time else nullcontext():
+    with signals.watched() if rig.wall_time else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,

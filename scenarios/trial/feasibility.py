@@ -6,6 +6,7 @@ from drivers.errors import ConfigError
 from drivers.ur.settings import ArmSettings
 from grasp.control.controller_settings import ControllerSettings
 from grasp.control.guard import ForceGuard
+from grasp.control.slip_response import RESPONSES
 from grasp.control.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import HARDWARE
@@ -27,14 +28,15 @@ def check_override(config: TrialConfig) -> None:
     overrides = config.rig != HARDWARE and config.hand.override_s > 0.0
     if (
         overrides
-        and config.controller.slip_response == "stop_and_step"
+        and RESPONSES[config.controller.slip_response].closes_in_steps
         and config.controller.first_grasp != "touch"
         and not bounded_by_travel(config)
     ):
         raise ConfigError(
             "hand", "override_s",
             f"the hand overrides its force setting for {config.hand.override_s:g} s at each start: "
-            "each step of controller.slip_response = stop_and_step could exceed the limit",
+            f"each step of controller.slip_response = {config.controller.slip_response} could "
+            "exceed the limit",
             "controller.first_grasp = touch, object.contact_stiffness_npm, or another "
             "controller.slip_response",
         )  # fmt: skip

@@ -41,7 +41,7 @@ from grasp.control.observation import Observation
 from grasp.control.slip_response.close import CLOSED_COUNTS
 from grasp.control.step import StepResult
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import make_step
+from scenarios.trial.execution import make_controller, make_step
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 PRESSED_COUNTS = -100  # a taxel that is clearly pressed
@@ -87,7 +87,9 @@ class _Lift:
         self.lifting = False  # the arm has been commanded to lift
         detector.reset()
         monitors = Monitors(config.monitors, enabled=False)
-        self._step = make_step(config, monitors=monitors, detector=detector)
+        self._step = make_step(
+            config, make_controller(config), monitors=monitors, detector=detector
+        )
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN

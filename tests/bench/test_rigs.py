@@ -57,7 +57,7 @@ class Commanding:
     """A control step that, during the hold, also commands the hand in every third period: to stay
     where it is, at another speed. Each command is one write, and nothing moves."""
 
-    def __init__(self, step: GraspStep, force_n: float) -> None:
+    def __init__(self, step: GraspStep[Any], force_n: float) -> None:
         self._step, self._force_n = step, force_n
         self._steps = self.commands = 0
 

@@ -16,7 +16,10 @@ from tests.wire.lab import ENVIRONMENT, GRASP
 
 DOCS = Path(__file__).parents[2] / "docs"
 HOST, PORT = "127.0.0.2", "5020"
-EMULATE = ("emulate", "--host", HOST, "--gripper-port", PORT, "--object", "foam")
+EMULATE = (
+    "emulate", "--host", HOST, "--gripper-port", PORT, "--object", "foam",
+    "--write", "emulated.toml",
+)  # fmt: skip
 LAB = ("--config", "lab.toml")
 MOVES = (*LAB, "--confirm-motion")
 # a question, the prompt for a word, or a request for an action at the devices
@@ -34,7 +37,6 @@ class Day:
     def __init__(self, folder: Path, cell: Terminal) -> None:
         self.folder, self.cell = folder, cell
         self.shown: list[str] = []
-        self.endpoints: dict[str, Any] = json.loads(cell.wait_for(r"\{.*\}").group(0))
         cell.wait_for("actions of an operator, one per line")
 
     def run(self, *arguments: str, answer: Callable[[str], str | None] = lambda question: "",
@@ -75,19 +77,11 @@ class Day:
         return float(found.group(1))
 
     def write(self, **more: dict[str, Any]) -> None:
-        """Write lab.toml: addresses, settings of a rehearsal, and more."""
-        blocks = re.findall(
-            r"```toml\n(.*?)```", (DOCS / "first-day.md").read_text("utf-8"), re.DOTALL
-        )
-        rehearsal, _ = (tomllib.loads(block) for block in blocks if "[modbus]" in block)
-        found: dict[str, dict[str, Any]] = {
-            "modbus": {"host": HOST, "port": int(PORT)}, "ur": {"host": HOST},
-            "usb": {"url": self.endpoints["tactile"]["url"]},
-        }  # fmt: skip
-        sections: dict[str, dict[str, Any]] = {}
-        for table in (found, rehearsal, more):
-            for section, values in table.items():
-                sections[section] = sections.get(section, {}) | values
+        """Write lab.toml: what the emulator wrote, less the hand's calibration, and more."""
+        sections = tomllib.loads((self.folder / "emulated.toml").read_text())
+        del sections["gripper"], sections["calibration"]
+        for section, values in more.items():
+            sections[section] = sections.get(section, {}) | values
         (self.folder / "lab.toml").write_text(
             "".join(
                 f"[{name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in keys.items())

@@ -2,7 +2,7 @@
 
 They are made before the controller's step: those of a device in ``update`` of its history. A check
 that fails gives a ``Fault``, on which the controller enters the safe state. Delays and margins of
-the checks: docs/force-limit.md.
+the checks: docs/troubleshooting.md, "Stops during a run".
 """
 
 from collections.abc import Iterable, Sequence

@@ -11,7 +11,7 @@ Failures = dict[str, Fields]  # the failed checks by their codes, in the order o
 
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the plausibility checks (docs/force-limit.md). Computer and links decide."""
+    """Limits of the plausibility checks (docs/troubleshooting.md). Computer and links decide."""
 
     mode: Annotated[
         Literal["stop", "report"],

@@ -1,11 +1,14 @@
 """Close: the interface of slip responses, and the response that only closes the hand.
 
-A closing to the force limit usually has two stages. First stage: fast, to the safe travel
-(``ForceGuard.safe_travel``); it lasts about as long as the delay of a command. Feedback would come
-too late, so it ends at a position. Second stage: at the hand's least speed, from rest, to the force
-limit, so that momentum causes little overshoot. Where no safe travel is left, there is only the
-second stage. One stage closes to the limit if no safe travel is known, if contact is lost, or if
-``controller.closing`` is constant.
+After a first grasp by touch there is no safe travel: each stage ends where the guard's measured
+bound does, and ``escalate`` adds the next one while slip continues and the bound leaves room.
+
+By counts, a closing to the force limit usually has two stages. First stage: fast, to the safe
+travel (``ForceGuard.safe_travel``); it lasts about as long as the delay of a command. Feedback
+would come too late, so it ends at a position. Second stage: at the hand's least speed, from rest,
+to the force limit, so that momentum causes little overshoot. Where no safe travel is left, there is
+only the second stage. One stage closes to the limit if no safe travel is known, if contact is lost,
+or if ``controller.closing`` is constant.
 """
 
 from drivers.interfaces import Counts3, Detection
@@ -15,7 +18,7 @@ from grasp.control.lift_line import LiftLine
 from grasp.control.observation import Observation
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
-ALL_FINGERS = (True, True, True)
+ALL_FINGERS = (True, True, True)  # with `every_finger` the guard closes the thumb alone
 TOP_UP_SPEED_MPS = 0.022  # speed of a second stage: the gripper's least (manual)
 STAGE_NS = 500_000_000  # longest wait for the end of a first stage
 
@@ -26,9 +29,12 @@ class SlipResponse:
     One object for a run: ``begin`` when slip is registered or contact is lost, ``update`` every
     sample until ``end``. No method commands a device.
 
-    ``closings``: number of closings. ``paused_s``: total time for which the arm was stopped.
+    ``closes_in_steps``: each from rest, so that a hand which presses more as it starts does so each
+    time. ``closings``: number of closings. ``paused_s``: total time for which the arm was stopped.
     ``adds_margin``: the current response adds a safety margin instead of responding to slip.
     """
+
+    closes_in_steps = False
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, line: LiftLine) -> None:
         self._settings = settings
@@ -69,7 +75,7 @@ class SlipResponse:
     def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
         """Further commands when slip has continued for ``waited_ns``; None if there are none: the
         next stage, where the force that was read since leaves room."""
-        return None if obs.closing_exhausted or obs.rise_n is None else self._close(obs)
+        return self._close(obs) if obs.by_touch and not obs.closing_exhausted else None
 
     def end(self) -> tuple[Command, ...]:
         """Commands with which the arm continues."""
@@ -92,13 +98,13 @@ class SlipResponse:
             return self._to_limit(s.closing_speed_mps)
         if not self._first_stage_due(obs, targets[0]):
             self._first_stage_ns = None
-            return self.closing_at_least_speed()
+            return self.slow_closing()
         if self._first_stage_ns is None:
             self._first_stage_ns = obs.t_ns
         limit_n = self._plan.force_limit_n
         return CloseToLimit(limit_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
 
-    def closing_at_least_speed(self) -> CloseToLimit:
+    def slow_closing(self) -> CloseToLimit:
         """A closing to the force limit without a first stage, at the second stage's speed."""
         s = self._settings
         return self._to_limit(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)

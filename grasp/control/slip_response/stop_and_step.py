@@ -23,6 +23,8 @@ class StopAndStep(StopAndClose):
     search for the least force from above would drop objects.
     """
 
+    closes_in_steps = True
+
     _step_height_m: float | None = None  # height of the arm at the last step; None: no margin due
     _steps_taken = 0
     _stepping = False  # the current response is a step or a margin: a closing may follow

@@ -12,10 +12,11 @@ from grasp.control.commands import (
     StopArm,
 )
 from grasp.control.contact_estimator import Stiffness
-from grasp.control.controller import Decision, GraspController
+from grasp.control.controller import GraspController
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.slip_monitor import SlipMonitor, SlipSettings
 from grasp.control.states import State
+from grasp.control.transition import Decision
 from tests.unit.grasp.builders import arm, gripper, observation
 
 TICK = 10_000_000

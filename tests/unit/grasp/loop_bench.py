@@ -19,8 +19,7 @@ LIMITS = {"stop_s", "abort_s", "observer_reserve_s"}
 class Bench:
     """A control loop with fake parts, and the calls that it made."""
 
-    def __init__(self, *, wall: bool = False, own_thread: bool = False, **settings: float) -> None:
-        """``own_thread``: the gripper driver has a thread and takes a fallback."""
+    def __init__(self, *, wall: bool = False, **settings: float) -> None:
         self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
         self.clock.virtual = not wall
         self.calls: list[tuple[Any, ...]] = []  # to the devices, with the time
@@ -44,7 +43,7 @@ class Bench:
             decide=self._decide,
             last_close=None,
             admit=lambda command, state: command,
-            fallback=lambda state: self.fallback,
+            fallback=lambda commands, state: self.fallback,
             hidden=Counter[str](),
         )
         self.frame: Any = frame()
@@ -52,9 +51,8 @@ class Bench:
             state=self.gripper_state, acknowledged=True, poll=self._of("gripper poll"),
             move_to=self._of("move_to"), close_to_limit=self._of("close_to_limit"),
             open=self._of("open"), hold=self._of("hold"),
+            set_fallback=lambda command, words: self.fallbacks.append((command, words)),
         )  # fmt: skip
-        if own_thread:
-            hand.set_fallback = lambda command, words: self.fallbacks.append((command, words))
         body = SimpleNamespace(
             state=arm(), poll=self._of("arm poll"), move_to=self._of("arm"), stop=self._of("stop")
         )

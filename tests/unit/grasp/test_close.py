@@ -42,16 +42,15 @@ def test_first_stage_moves_to_a_position_at_full_speed() -> None:
     assert response().closing(hand()) == FIRST
 
 
-@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"safe_travel_counts": None}])
-def test_unknown_contact_position_gives_one_stage(nothing_known: Any) -> None:
-    lost = nothing_known.pop("lost", False)
-    assert response().closing(hand(**nothing_known), lost) == AT_ONCE
+@pytest.mark.parametrize(("lost", "safe_travel"), [(True, REACH), (False, None)])
+def test_unknown_contact_position_gives_one_stage(lost: bool, safe_travel: Any) -> None:
+    assert response().closing(hand(safe_travel_counts=safe_travel), lost) == AT_ONCE
 
 
 def test_constant_closing_has_one_stage_and_one_speed() -> None:
     constant = response(closing="constant")
-    assert constant.closing(hand()) == constant.closing_at_least_speed() == AT_ONCE
-    assert response().closing_at_least_speed() == SLOWLY
+    assert constant.closing(hand()) == constant.slow_closing() == AT_ONCE
+    assert response().slow_closing() == SLOWLY
 
 
 @pytest.mark.parametrize(("thumb", "expected"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])

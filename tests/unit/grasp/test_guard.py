@@ -42,6 +42,18 @@ def test_no_force_above_the_limit_is_admitted(requested_n: float) -> None:
     assert moved.force_n == min(requested_n, 10.0)
 
 
+@pytest.mark.parametrize("mode", ["every_finger", "each_motor"])
+def test_after_the_first_grasp_b_and_c_close_only_where_each_motor_has_the_limit(mode: str) -> None:
+    guarded, beyond = guard(limit_mode=mode), MoveFingers((56, 57, 58), 0.02, 10.0)
+    hand = gripper(positions=(55, 55, 55))
+    assert guarded.admit(beyond, hand, NO_FORCE) == beyond
+    guarded.set_first_grasp((55, 55, 55), FIRST_N)
+    admitted = guarded.admit(beyond, hand, FIRST_N)
+    assert isinstance(admitted, MoveFingers)
+    held = mode == "every_finger"
+    assert admitted.targets_counts == ((56, 55, 55) if held else (56, 57, 58))
+
+
 def test_first_stage_of_a_closing_stays_one() -> None:
     for more in (False, True):
         requested = msgspec.structs.replace(close(), first_stage=more)
@@ -129,7 +141,7 @@ def test_move_is_bounded_by_position_as_a_closing_is() -> None:
     closing = g.admit(close(), gripper(), NO_FORCE)
     moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
     assert isinstance(closing, CloseToLimit) and isinstance(moving, MoveFingers)
-    assert moving.targets_counts == closing.limits_counts < (70, 70, 70)
+    assert moving.targets_counts == (closing.limits_counts[0], 55, 55) < (70, 55, 55)
 
 
 def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
@@ -204,7 +216,7 @@ def test_fingers_that_do_not_close_do_not_limit_the_speed() -> None:
     assert admitted.speed_mps == 0.11
     moved = g.admit(MoveFingers((58, 255, 55), 0.11, 10.0), gripper(), FIRST_N)
     assert isinstance(moved, MoveFingers)
-    assert moved.speed_mps == g.closing_speed_mps
+    assert moved.speed_mps == 0.11
 
 
 def test_before_the_first_grasp_only_free_motion_is_fast() -> None:

@@ -192,7 +192,7 @@ def test_submitted_command_is_due_at_once_and_admitted_by_the_step() -> None:
 
 
 def test_each_step_sets_the_fallback_of_the_gripper_thread() -> None:
-    bench = Bench(own_thread=True)
+    bench = Bench(wall=True)
     bench.fallback = CLOSE
     bench.loop.tick()
     ((command, words),) = bench.fallbacks
@@ -206,7 +206,7 @@ def test_each_step_sets_the_fallback_of_the_gripper_thread() -> None:
 
 @pytest.mark.parametrize("end", ["stop", "fail", "abort"])
 def test_after_a_run_the_gripper_thread_has_no_fallback(end: str) -> None:
-    bench = Bench(own_thread=True, stop_s=0.2, abort_s=0.1)
+    bench = Bench(wall=True, stop_s=0.2, abort_s=0.1)
     bench.loop.tick()
     getattr(bench.loop, end)(*([] if end == "abort" else [STOP]))
     assert bench.fallbacks[0][0] is not None

@@ -1,14 +1,12 @@
 """Signals: raised at once, at the next check, or late; handled only by the command line."""
 
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 
 import pytest
 
 from grasp.run import signals
-from grasp.run.signals import SIGNALS, Interruption
+from grasp.run.signals import SIGNALS, Interruption, Stuck
 
 
 @pytest.fixture
@@ -101,61 +99,32 @@ def test_keyboard_interrupt_of_python_has_a_cause() -> None:
     assert "SIGHUP" in signals.cause(Interruption(signal.SIGHUP))
 
 
-WATCHED = """
-import ctypes, os, signal, sys, threading, time
-from grasp.run import signals
-def send_signals():
-    time.sleep(0.1)
-    os.kill(os.getpid(), signal.SIGTERM)
-    if sys.argv[1] == "twice":
-        time.sleep(1.3)
-        os.kill(os.getpid(), signal.SIGTERM)
-    while sys.argv[1] == "held":
-        time.sleep(0.03)
-        os.kill(os.getpid(), signal.SIGTERM)
-with signals.taken():
-    try:
-        with signals.watchdog(lambda: os.write(1, b"devices are safe")), signals.deferred():
-            threading.Thread(target=send_signals, daemon=True).start()
-            try:
-                while sys.argv[1] in ("twice", "held"):  # in a safe state
-                    signals.check(end=False)
-                    time.sleep(0.01)
-            except signals.Stuck as stuck:
-                print(stuck)
-                for _ in range(250):  # during an abort
-                    signals.check(end=False)
-                    time.sleep(0.01)
-                if sys.argv[1] == "held":
-                    print("stopped")
-                sys.stdout.flush()
-                os._exit(0)
-            if sys.argv[1] == "native":
-                lock, mutex = ctypes.CDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
-                lock(mutex)
-                lock(mutex)
-            time.sleep(60)
-    except signals.Stuck as stuck:
-        print(stuck)
-"""
+@pytest.mark.usefixtures("taken")
+def test_a_watched_main_thread_that_hangs_after_a_signal_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(signals, "HANG_S", 0.02)
+    with signals.watched(), signals.deferred():
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(Stuck, match=r"terminated \(SIGTERM\) while the program hung"):
+            signals.time.sleep(60.0)
 
 
-def watched(how: str) -> tuple[int, str]:
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED, how], capture_output=True, text=True, timeout=30,
-        check=False,
-    )  # fmt: skip
-    return done.returncode, done.stdout
+@pytest.mark.usefixtures("taken")
+def test_a_watched_main_thread_that_checks_is_not_interrupted() -> None:
+    with signals.watched(), signals.deferred():
+        signal.raise_signal(signal.SIGINT)
+        for _ in range(3):
+            signals.check(end=False)
+            signal.raise_signal(signal.SIGALRM)  # of the timer, once a second
+        with pytest.raises(Stuck):
+            signal.raise_signal(signal.SIGALRM)
 
 
-@pytest.mark.parametrize("how", ["stuck", "twice"])
-def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
-    assert watched(how) == (0, "terminated (SIGTERM) while the program hung\n")
-
-
-def test_held_key_interrupts_the_requested_stop_only_once() -> None:
-    assert watched("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
-
-
-def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:
-    assert watched("native") == (5, "devices are safe")
+@pytest.mark.usefixtures("taken")
+def test_after_a_run_no_timer_is_left() -> None:
+    before = signal.getsignal(signal.SIGALRM)
+    with signals.watched(), signals.deferred():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert signal.getsignal(signal.SIGALRM) == before

@@ -15,9 +15,9 @@ from grasp.cli.child import Child
 from grasp.cli.commands import build_parser
 from grasp.cli.main import main
 from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
-from grasp.control.controller import Decision
 from grasp.control.slip_monitor import ARMED
 from grasp.control.states import State
+from grasp.control.transition import Decision
 from grasp.run.clock import WallClock
 from grasp.run.loop import Tick
 from scenarios.report.step_feed import Begin, Step, StepFeed
