@@ -6,21 +6,18 @@ from typing import Protocol
 import msgspec
 
 from drivers.errors import LinkLost
+from drivers.robotiq.echo_watch import ACTIVATE, RESET, EchoWatch
 from drivers.robotiq.protocol import (
     REGISTERS,
     RTU,
     TCP,
+    AxisCommand,
     CommandRegisters,
     Registers,
     StatusRegisters,
     to_bytes,
 )
 from drivers.robotiq.settings import DriverSettings
-
-RESET = CommandRegisters()
-ACTIVATE = CommandRegisters(activate=True)
-
-_MOTION_START_NS = 500_000_000  # a commanded motion has started by then; assumed
 
 WriteLog = Callable[[int, Registers], None]  # time and all registers of each new write
 
@@ -53,10 +50,9 @@ class Exchange:
     with rACT is omitted when the status has confirmed its content. A hand that has just lost power
     has 0 there, and the other registers then move nothing.
 
-    That register also holds rICF, without which all fingers obey the bytes of finger A. The status
-    shows neither rICF nor speeds and forces. So the whole image is written again when the status
-    shows values that this exchange did not write, or when a finger starts to move without a
-    command. While a finger moves, all other registers are written again at each refresh.
+    That register also holds rICF, without which all fingers obey the bytes of finger A. So the
+    whole image is written again when ``watch`` sees another client's write. While a finger moves,
+    all other registers are written again at each refresh.
     """
 
     def __init__(
@@ -77,21 +73,11 @@ class Exchange:
         self.requested: CommandRegisters | None = None  # None: leave the device as it is
         self._image: Registers | None = None  # registers of ``requested``
         self._written_image: Registers | None = None
-        self._written_ns: int | None = None
         self._repeated_ns = 0
         self._read_ns = -self._refresh_ns
-        self._commanded: CommandRegisters | None = None  # last written and still requested
-        self._echo: tuple[int, ...] = (-1,) * 4  # rGTO and targets (gPR) in the last status
-        self._own_echoes: set[tuple[int, ...]] = set()  # possible until the last write is taken up
-        self._foreign_echo: tuple[int, ...] | None = None  # echo of another client's write
-        self._stationary: tuple[bool, ...] = ()  # each finger, in the last status
-        self._echo_will_change = False
-        self._status_current = True  # the status is known to reflect the last write
-        self.unconfirmed = False  # no status has reflected the last write yet
+        self.watch = EchoWatch(self._refresh_ns)
         self._status_registers: Registers | None = None  # of the last status that decoded
         self._status = StatusRegisters()
-        self._taken: StatusRegisters | None = None  # the last status that was compared with writes
-        self.overwritten = ""  # first sign of another client's write in this poll
         self.lost = False
         self.last_write_hex = ""  # latest acknowledged write that changed a register
         self.last_write_ns = 0  # when it was acknowledged
@@ -105,24 +91,24 @@ class Exchange:
         write can be lost without notice. It omits the register with rACT if that is confirmed: the
         hand may be silent because it has lost power.
         """
-        unconfirmed = self._refreshed_twice(self._read_ns) and not self._status_current
+        unconfirmed = self.watch.refreshed_twice(self._read_ns) and not self.watch.current
         if command is not None and command == self.requested and self.all_written and unconfirmed:
             self._written_image = None
         self.requested = command
         self._image = None if command is None else command.to_registers()
         if command is None:
             self._written_image = self._device_register0 = None
-            self._commanded = self._foreign_echo = None
-            self._own_echoes.clear()
+            self.watch.forget()
+
+    @property
+    def requested_fingers(self) -> tuple[AxisCommand, AxisCommand, AxisCommand] | None:
+        """Requests for the fingers; None where no motion is requested."""
+        command = self.requested
+        return (command.a, command.b, command.c) if command and command.go_to else None
 
     def rewrite(self) -> None:
         """Write all requested registers again at the next poll."""
         self._written_image = self._device_register0 = None
-
-    @property
-    def written_ns(self) -> int:
-        """Time of the last write; 0: none yet."""
-        return self._written_ns or 0
 
     @property
     def all_written(self) -> bool:
@@ -132,14 +118,11 @@ class Exchange:
     @property
     def confirmed(self) -> bool:
         """Whether everything requested was written and the status reflects it."""
-        return self._status_current and self._image == self._written_image and not self.lost
+        return self.watch.current and self.all_written and not self.lost
 
     def settled(self, now_ns: int) -> bool:
         """Whether everything requested was written two register refreshes ago or earlier."""
-        return self.all_written and self._refreshed_twice(now_ns)
-
-    def _refreshed_twice(self, now_ns: int) -> bool:
-        return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
+        return self.all_written and self.watch.refreshed_twice(now_ns)
 
     def poll(self, now_ns: int) -> StatusRegisters | None:
         """Write at most once, then read; returns None when the reply was not a status.
@@ -147,24 +130,21 @@ class Exchange:
         If the status shows another client's write, the request is written again after the read.
         Nothing is written while the link is lost, because the device's registers are unknown.
         """
-        self.overwritten = ""
+        self.watch.overwritten = ""
         try:
-            unwritten = self._image != self._written_image and not self.lost
-            if unwritten and self._write_due(now_ns) and self._may_write(now_ns):
+            if not self.lost and self._write_due(now_ns) and self._may_write(now_ns):
                 self._write(now_ns)
             status = self._read(now_ns)
             if status is None:
                 return None
-            # an equal status confirms the last write again
-            known = status is self._taken and self._status_current
-            rewrite = not known and self._update_confirmation(status, now_ns)
+            rewrite = not self.watch.known(status) and self._update_confirmation(status, now_ns)
             if rewrite and not self.lost and self._write_due(now_ns):
                 self._write(now_ns)
-            elif False in self._stationary:
+            elif self.watch.moving:
                 self._repeat_in_motion(status, now_ns)
         except LinkLost:
             self.statistics.link_losses += not self.lost
-            self.lost, self._status_current, self._device_register0 = True, False, None
+            self.lost, self.watch.current, self._device_register0 = True, False, None
             raise
         self.statistics.reconnects += self.lost
         self.lost = False
@@ -173,9 +153,8 @@ class Exchange:
     def _write_due(self, now_ns: int) -> bool:
         if self._image is None or self.all_written:
             return False
-        if self._written_ns is None or self.requested == RESET:
-            return True  # a write that stops the hand does not wait for the interval
-        return now_ns - self._written_ns >= self._interval_ns
+        # a write that stops the hand does not wait for the interval
+        return self.requested == RESET or now_ns - self.watch.written_ns >= self._interval_ns
 
     def _may_write(self, now_ns: int) -> bool:
         """Whether writing the request cannot activate the hand by accident."""
@@ -198,13 +177,8 @@ class Exchange:
         first = int(image[0] == self._device_register0 and not self._whole_writes)
         self._send(first, image, now_ns)
         self.statistics.writes += 1
-        self._own_echoes |= {self._echo, self._expected_echo()}
-        self._commanded = requested
-        # An echo confirms take-up only if it has to change and the previous one was confirmed.
-        changes = self._echo[1:] != self._expected_echo()[1:]
-        self._echo_will_change = self._status_current and requested.go_to and changes
-        self._status_current, self.unconfirmed = False, True
-        self._written_image, self._written_ns = image, now_ns
+        self.watch.expect(requested, now_ns)
+        self._written_image = image
 
     def _repeat_in_motion(self, status: StatusRegisters, now_ns: int) -> None:
         """Write the same image again at each refresh; called while a finger moves.
@@ -212,14 +186,14 @@ class Exchange:
         Nothing else restores a speed and force that another client has set. The hand does not take
         an equal image for a new request.
         """
-        commanded, image = self._commanded, self._image
-        if commanded is None or not commanded.go_to or image is None:
+        image = self._image
+        if not self.watch.motion_commanded or image is None:
             return
         if self.lost or not self.all_written or not status.active:
             return
         if image[0] != self._device_register0 or self._whole_writes:
             return
-        if now_ns - max(self._repeated_ns, self.written_ns) >= self._refresh_ns:
+        if now_ns - max(self._repeated_ns, self.watch.written_ns) >= self._refresh_ns:
             self._send(1, image, now_ns)
             self._repeated_ns = now_ns
 
@@ -244,65 +218,13 @@ class Exchange:
         return self._status
 
     def _update_confirmation(self, status: StatusRegisters, now_ns: int) -> bool:
-        """Update whether the status reflects the last write; until then it may describe the
-        previous motion. Returns whether to write again because of another client."""
-        a, b, c = status.a, status.b, status.c
-        were_stationary = self._stationary
-        self._stationary = (a.detection != 0, b.detection != 0, c.detection != 0)
-        was_current = self._status_current  # false after a new write
-        self._taken, self._echo = status, (int(status.go_to), a.echo, b.echo, c.echo)
-        expected = self._expected_echo()
-        conclusive = was_current or self._echo_will_change or self._refreshed_twice(now_ns)
-        self._status_current = conclusive and expected == self._echo
-        self.unconfirmed = self.unconfirmed and not self._status_current
-        if self._status_current:
-            self._own_echoes.clear()
-            self._foreign_echo = None
-        if self._echo != expected and self._is_foreign(expected, status, now_ns):
-            if self._foreign_echo is None:
-                self.overwritten = _difference(self._echo, expected)
-            self._foreign_echo = self._echo
-            self.rewrite()
-            return True
-        started = (True, False) in zip(were_stationary, self._stationary, strict=False)
-        in_position_control = self._commanded is not None and self._commanded.go_to
-        if started and was_current and self._status_current and in_position_control:
-            if now_ns - self.written_ns > _MOTION_START_NS:
-                self.overwritten = "a finger moves without a command"
+        """Compare the status with the last write. Returns whether to write again because of another
+        client."""
+        if self.watch.update(status, now_ns):
             self.rewrite()
             return True
         if not status.active:
             self._device_register0 = None
-        elif self._status_current and self._written_image is not None:
+        elif self.watch.current and self._written_image is not None:
             self._device_register0 = self._written_image[0]
         return False
-
-    def _is_foreign(self, expected: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
-        """Whether a status with another echo shows values that this exchange did not write.
-
-        Values from before the last write are accepted, since that may not be taken up yet. For two
-        refreshes, so are mixtures of recent writes and a foreign value already overwritten.
-        """
-        commanded, echo = self._commanded, self._echo
-        if commanded is None or commanded in (RESET, ACTIVATE):
-            return False
-        if not status.ready or status.mode != commanded.mode:  # targets are not obeyed
-            return False
-        if self._refreshed_twice(now_ns):
-            return echo == self._foreign_echo or echo not in self._own_echoes
-        columns = zip(echo, expected, *self._own_echoes, strict=True)
-        return any(value not in own for value, *own in columns)
-
-    def _expected_echo(self) -> tuple[int, ...]:
-        """rGTO and targets that the status should show; targets count only while rGTO is set."""
-        command = self._commanded
-        if command is None:
-            return self._echo
-        if not command.go_to:
-            return 0, *self._echo[1:]
-        return 1, command.a.position, command.b.position, command.c.position
-
-
-def _difference(echo: tuple[int, ...], expected: tuple[int, ...]) -> str:
-    fields = (("rGTO", echo[0], expected[0]), ("targets", echo[1:], expected[1:]))
-    return " and ".join(f"{name} {is_}, expected {own}" for name, is_, own in fields if is_ != own)

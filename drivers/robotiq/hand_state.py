@@ -11,15 +11,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import FINGERS, Counts3, Detection, FingerState, GripperState
-from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.exchange import (
-    ACTIVATE,
-    RESET,
-    Exchange,
-    ExchangeStatistics,
-    RegisterTransport,
-    WriteLog,
-)
+from drivers.robotiq.echo_watch import ACTIVATE, RESET
+from drivers.robotiq.exchange import Exchange
 from drivers.robotiq.protocol import (
     BASIC,
     FAULTS,
@@ -32,7 +25,6 @@ from drivers.robotiq.protocol import (
     Severity,
     StatusRegisters,
 )
-from drivers.robotiq.settings import DriverSettings
 
 _ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
@@ -63,34 +55,27 @@ class Activation(Enum):
 
 
 class HandTracker:
-    """Driver without verbs: exchange, state, faults and activation."""
+    """State of the hand behind an exchange: fingers, faults, and the activation that ``poll``
+    carries out."""
 
-    def __init__(
-        self,
-        transport: RegisterTransport,
-        settings: DriverSettings,
-        calibration: GripperCalibration,
-        log: WriteLog | None = None,
-        clock: Callable[[], int] | None = None,
-    ) -> None:
+    def __init__(self, exchange: Exchange, clock: Callable[[], int] | None) -> None:
         """``clock`` measures the duration of an exchange; it is the clock of ``poll``'s times."""
         self._clock = clock
-        self._calibration = calibration
-        self._exchange = Exchange(transport, settings, log, clock)
-        self._status: StatusRegisters | None = None  # the next two are derived from it
+        self._exchange = exchange
+        self.status: StatusRegisters | None = None  # the next two are derived from it
         self._fault = FAULTS[0]
         self._active = False  # the hand obeys motion commands
         self.mode = 0  # rMOD at connection or activation: another one would open the hand
         self._other_mode = False  # the status reports another mode
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
         self._state: GripperState | None = None
-        self._now_ns = 0
+        self.now_ns = 0
         self._seq = 0
-        self._changed_ns = 0  # when the status last differed from the one before
+        self.changed_ns = 0  # when the status last differed from the one before
         self._position_jumped = False  # a position changed faster than a motor can move
-        self._activation = Activation.NONE
+        self.activation = Activation.NONE
         self._deadline_ns = 0
-        self._grip_bytes = [FULL_BYTE] * FINGERS  # force byte of the grip; unknown counts as full
+        self.grip_bytes = [FULL_BYTE] * FINGERS  # force byte of the grip; unknown counts as full
         self._raised_fault = 0  # major fault that was raised already
 
     # State
@@ -99,38 +84,27 @@ class HandTracker:
     def state(self) -> GripperState | None:
         """Latest snapshot; None before the first exchange."""
         state = self._state
-        if state is not None and state.fresh and not self._fresh:
+        if state is not None and state.fresh and not self.fresh:
             self._state = state = msgspec.structs.replace(state, fresh=False)
         return state
 
     @property
-    def least_force_n(self) -> float:
-        """Calibrated static force of force byte 0, N."""
-        return self._calibration.least_force_n
+    def fresh(self) -> bool:
+        """Whether the status reflects everything requested, and no activation is under way."""
+        return self.activation is Activation.NONE and self._exchange.confirmed
 
     @property
-    def m_per_count(self) -> float:
-        """Fingertip travel of one count by the calibration, m."""
-        return self._calibration.m_per_count
+    def positions_uncertain(self) -> bool:
+        """Whether reported positions may be wrong: a finger moves while the status stays equal, or
+        a position has changed faster than a motor can move."""
+        fingers = self._fingers or ()
+        moving = any(finger.detection is Detection.MOVING for finger in fingers)
+        return self._position_jumped or (moving and self.unchanged)
 
     @property
-    def statistics(self) -> ExchangeStatistics:
-        """Counters since the driver was made."""
-        return self._exchange.statistics
-
-    @property
-    def acknowledged_ns(self) -> int:
-        """Time at which the gripper acknowledged the latest write; 0: none yet."""
-        return self._exchange.acknowledged_ns
-
-    @property
-    def acknowledged(self) -> bool:
-        """Whether the gripper has acknowledged the write of everything requested."""
-        return self._exchange.all_written
-
-    @property
-    def _fresh(self) -> bool:
-        return self._activation is Activation.NONE and self._exchange.confirmed
+    def unchanged(self) -> bool:
+        """Whether the status has stayed equal for so long that a moving finger would change it."""
+        return self.now_ns - self.changed_ns > STATUS_UNCHANGED_NS
 
     # Exchange
 
@@ -141,22 +115,22 @@ class HandTracker:
         fault that stops motion, for an activation that does not end and for registers that another
         client changed; the last request is then written again.
         """
-        self._now_ns = now_ns
+        self.now_ns = now_ns
         was_lost = self._exchange.lost
         status = self._exchange.poll(now_ns)
         if status is None:
             return
-        overwritten = self._exchange.overwritten
-        changed = status is not self._status
+        overwritten = self._exchange.watch.overwritten
+        changed = status is not self.status
         if changed:
-            self._status, self._fault = status, FAULTS[status.fault]
+            self.status, self._fault = status, FAULTS[status.fault]
             self._active = status.ready and self._fault.severity is not Severity.MAJOR
-        if self._activation is not Activation.NONE or self._exchange.requested is None:
+        if self.activation is not Activation.NONE or self._exchange.requested is None:
             self.mode = status.mode
         unrequested = False
         if was_lost or not self._active:
             unrequested = self._handle_reset(status, was_lost, now_ns)
-        if self._activation is not Activation.NONE:
+        if self.activation is not Activation.NONE:
             self._continue_activation(status, now_ns)
         self._publish(status, now_ns, changed)
         self._raise_fault(status, now_ns)
@@ -168,7 +142,7 @@ class HandTracker:
     def _handle_reset(self, status: StatusRegisters, was_lost: bool, now_ns: int) -> bool:
         """Respond to an unrequested reset; returns whether the hand activates unrequested. Called
         where the link was lost or the hand is not active."""
-        requested, idle = self._exchange.requested, self._activation is Activation.NONE
+        requested, idle = self._exchange.requested, self.activation is Activation.NONE
         activating = status.active and status.initialization == 1 and idle
         stopped = self._fault.severity is Severity.MAJOR
         allowed = requested in (None, ACTIVATE) or (requested == RESET and not was_lost)
@@ -186,29 +160,29 @@ class HandTracker:
 
     def _resynchronize(self, status: StatusRegisters) -> None:
         """Drop the request: no motion without a new verb, and no unrequested activation."""
-        self._activation, self._position_jumped = Activation.NONE, False
-        self._grip_bytes = [FULL_BYTE] * FINGERS
+        self.activation, self._position_jumped = Activation.NONE, False
+        self.grip_bytes = [FULL_BYTE] * FINGERS
         if self._exchange.requested is None:
             return
-        self.statistics.resynced += 1
-        pending = self._exchange.unconfirmed and not status.active
+        self._exchange.statistics.resynced += 1
+        pending = self._exchange.watch.unconfirmed and not status.active
         self._exchange.request(None)
         if pending:  # a booting hand would take up the old request afterwards
             self._exchange.request(RESET)
         if status.ready:
             positions = tuple(finger.position for finger in status.fingers)
-            self._exchange.request(self._registers(positions, 0, (0, 0, 0)))
+            self._exchange.request(self.registers(positions, 0, (0, 0, 0)))
 
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
         took_ns = 0 if self._clock is None else self._clock() - now_ns
         if changed or self._fingers is None:
             self._position_jumped |= self._has_jumped(status, now_ns + took_ns)
-            self._changed_ns = now_ns
+            self.changed_ns = now_ns
             self._fingers = finger_states(status)
         self._seq += 1
         exchange, fault = self._exchange, self._fault
         self._state = GripperState(
-            now_ns, self._seq, self._active, fault.code, fault.text, self._fresh, self._fingers,
+            now_ns, self._seq, self._active, fault.code, fault.text, self.fresh, self._fingers,
             took_ns, exchange.last_write_hex, exchange.last_write_ns,
         )  # fmt: skip
 
@@ -227,17 +201,17 @@ class HandTracker:
         onset = major and fault.code != self._raised_fault
         self._raised_fault = fault.code if major else 0
         if onset:
-            if self._activation is not Activation.RESTARTING:
-                self._activation = Activation.NONE
+            if self.activation is not Activation.RESTARTING:
+                self.activation = Activation.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
         was_other = self._other_mode
         self._other_mode = status.mode != self.mode and status.active
         if self._other_mode and not was_other:
             difference = f"rMOD {status.mode}, expected {self.mode}"
             raise DeviceFault(_CHANGED.format(difference), _WHO_ELSE)
-        if self._activation is not Activation.NONE and now_ns > self._deadline_ns:
-            expected = self._activation is Activation.ACTIVATING
-            self._activation = Activation.NONE
+        if self.activation is not Activation.NONE and now_ns > self._deadline_ns:
+            expected = self.activation is Activation.ACTIVATING
+            self.activation = Activation.NONE
             if (status.initialization != 0) != expected:
                 seen = _DISOBEYS.format(status.active, status.initialization)
                 raise DeviceFault(seen, _WRONG_DEVICE)
@@ -245,23 +219,23 @@ class HandTracker:
 
     # Activation
 
-    def _begin_activation(self, stage: Activation, command: CommandRegisters) -> None:
-        self._activation = stage
-        self._deadline_ns = self._now_ns + _ACTIVATION_NS
+    def begin_activation(self, stage: Activation, command: CommandRegisters) -> None:
+        self.activation = stage
+        self._deadline_ns = self.now_ns + _ACTIVATION_NS
         self._exchange.request(command)
 
     def _continue_activation(self, status: StatusRegisters, now_ns: int) -> None:
         if not self._exchange.settled(now_ns):
             return
-        if self._activation is Activation.RESTARTING and not status.active and not status.fault:
-            self._activation = Activation.ACTIVATING
+        if self.activation is Activation.RESTARTING and not status.active and not status.fault:
+            self.activation = Activation.ACTIVATING
             self._exchange.request(ACTIVATE)
-        elif self._activation is Activation.ACTIVATING and status.ready and status.mode == BASIC:
-            self._activation, self._position_jumped = Activation.NONE, False
+        elif self.activation is Activation.ACTIVATING and status.ready and status.mode == BASIC:
+            self.activation, self._position_jumped = Activation.NONE, False
 
     # Registers
 
-    def _registers(
+    def registers(
         self, targets: Sequence[int], speed: int, forces: Sequence[int], spread: bool = False
     ) -> CommandRegisters:
         """Command registers for a motion. ``spread``: in scissor mode, spread B and C apart;
@@ -271,9 +245,9 @@ class HandTracker:
         one, a hand moves its scissor to finger A's target and obeys no individual finger.
         """
         command = motion_registers(self.mode, targets, speed, forces)
-        if self.mode != SCISSOR or self._status is None:
+        if self.mode != SCISSOR or self.status is None:
             return command
-        to = AxisCommand(0, speed) if spread else AxisCommand(self._status.scissor.position)
+        to = AxisCommand(0, speed) if spread else AxisCommand(self.status.scissor.position)
         return msgspec.structs.replace(command, individual_scissor=True, scissor=to)
 
 
@@ -325,20 +299,19 @@ def motion_registers(
 
 
 def hold_targets(
-    fingers: Sequence[FingerState], command: CommandRegisters | None
+    fingers: Sequence[FingerState], last: Sequence[AxisCommand] | None
 ) -> tuple[int, ...]:
     """Targets that keep the fingers where they are: their positions.
 
     A finger that reports to be at its target keeps that target. Its reported position may be some
     counts off, and following it would make the finger creep or press. For the same reason a finger
     in contact gets no target beyond the present one. An exception is a finger that was commanded
-    to open and still reports contact: it must not continue to open.
+    to open and still reports contact: it must not continue to open. ``last``: the last requests for
+    the fingers, None where no motion is requested.
     """
     targets = [finger.position_counts for finger in fingers]
-    if command is None or not command.go_to:
-        return tuple(targets)
-    for i, finger in enumerate(fingers):
-        commanded = command.axes[i].position
+    for i, axis in enumerate(last or ()):
+        finger, commanded = fingers[i], axis.position
         if finger.detection is Detection.CONTACT_CLOSING:
             if targets[i] - commanded <= POSITION_ERROR_COUNTS:
                 targets[i] = min(targets[i], commanded)

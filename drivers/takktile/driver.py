@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused, on_failure
 from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
-from drivers.takktile.board import Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Receiver
+from drivers.takktile.receiver import Codes, Reading, Receiver, TakkTileStatistics
 from drivers.takktile.settings import (
     REST_REFERENCE_TOLERANCE_COUNTS,
     REST_SAMPLES,
@@ -90,21 +89,6 @@ class FrameLink(Protocol):
         ...
 
 
-class TakkTileStatistics(msgspec.Struct, frozen=True):
-    """Counts since the driver was made."""
-
-    frames: int  # used: at most one a tick
-    decimated: int  # good frames that a newer one of the same tick replaced
-    empty_ticks: int  # ticks without a new frame
-    implausible: int  # a padding bit was set
-    too_old: int  # converted longer ago than max_age_ms
-    timeouts: int
-    wrong_lengths: int
-    overruns: int  # frames lost because ``poll`` was not called in time
-    restarts: int  # recoveries by stopping and starting
-    reopens: int  # recoveries by opening again: the rest counts were lost
-
-
 class TakkTileDriver:
     """Fingertips on one board; ``start`` and ``stop``, or use it as a context manager.
 
@@ -123,8 +107,7 @@ class TakkTileDriver:
         self._rest: Codes | None = None
         self._rest_samples: list[Codes] | None = None  # while rest is being taken
         self._rest_start_ns = 0
-        self._seq = self._frames = self._decimated = 0
-        self._missed = dict.fromkeys(Missed, 0)
+        self._seq = 0
 
     def start(self) -> Self:
         """Open the board, check the taxel map, start reading; raises ``LinkLost`` or
@@ -158,14 +141,7 @@ class TakkTileDriver:
 
     @property
     def statistics(self) -> TakkTileStatistics:
-        return TakkTileStatistics(
-            frames=self._frames,
-            decimated=self._decimated,
-            empty_ticks=self._missed[Missed.TIMEOUT],
-            implausible=self._missed[Missed.IMPLAUSIBLE],
-            too_old=self._missed[Missed.TOO_OLD],
-            **msgspec.structs.asdict(self._receiver.counts),
-        )
+        return self._receiver.statistics
 
     def begin_rest(self) -> None:
         self._clear_rest()
@@ -185,24 +161,26 @@ class TakkTileDriver:
             self._clear_rest()
         self._seq += 1
         readings = batch.readings
-        self._decimated += len(readings[1:])
-        missed = self._use(readings[-1], now_ns) if readings else Missed.TIMEOUT
-        if missed is not None:
-            self._repeat_frame(missed, now_ns)
+        self.statistics.decimated += len(readings[1:])
+        self.statistics.empty_ticks += not readings
+        if not readings or not self._use(readings[-1], now_ns):
+            self._repeat_frame(now_ns)
         if batch.error is not None:
             raise type(batch.error)(batch.error.message, batch.error.remedy)
 
-    def _use(self, reading: Reading, now_ns: int) -> Missed | None:
-        """Make the frame of a sample; returns the reason if it cannot be used."""
+    def _use(self, reading: Reading, now_ns: int) -> bool:
+        """Make the frame of a sample; returns whether it can be used."""
         if now_ns - reading.sampled_ns > self._max_age_ns:
-            return Missed.TOO_OLD
+            self.statistics.too_old += 1
+            return False
         codes = reading.codes(self._cells)
         if codes is None:
-            return Missed.IMPLAUSIBLE
+            self.statistics.implausible += 1
+            return False
         raw, temperature = codes[0].take(self._order), codes[1].take(self._order)
         raw.setflags(write=False)
         temperature.setflags(write=False)
-        self._frames += 1
+        self.statistics.frames += 1
         self.latest_raw = raw
         # A conversion that began before begin_rest may have measured a moving hand.
         if self._rest_samples is not None and reading.sampled_ns > self._rest_start_ns:
@@ -213,10 +191,9 @@ class TakkTileDriver:
             self.frame = TactileFrame(
                 now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
             )
-        return None
+        return True
 
-    def _repeat_frame(self, cause: Missed, now_ns: int) -> None:
-        self._missed[cause] += 1
+    def _repeat_frame(self, now_ns: int) -> None:
         if self.frame is None:
             return
         missed = self.frame.missed + 1

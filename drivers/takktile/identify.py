@@ -8,8 +8,8 @@ import numpy as np
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import FINGER_NAMES
-from drivers.takktile.board import Board, BoardLink, Codes, Missed
 from drivers.takktile.protocol import Cell, Layout
+from drivers.takktile.receiver import Codes, Receiver, UsbBoard
 from drivers.takktile.settings import TakkTileSettings
 
 REST_FRAMES = 50
@@ -28,7 +28,7 @@ class TaxelPress(msgspec.Struct, frozen=True):
 
 
 def watch(
-    link: BoardLink,
+    link: UsbBoard,
     settings: TakkTileSettings,
     seconds: float,
     on_rest: Callable[[], None],
@@ -37,16 +37,17 @@ def watch(
 ) -> Generator[TaxelPress, None, None]:
     """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
     A press is a fall of a code by ``least_fall_counts`` or more, of any live cell, mapped or not.
-    Ends after ``seconds``; always stops the board.
+    Ends after ``seconds``; always stops and closes the board.
     """
-    board = Board(link, settings.conversion_ms)
-    layout = board.open(clock())
-    if not layout.alive:
-        raise DeviceFault("not one cell of the tactile board answers", "check the fingers' cables")
-    places = _places(layout, settings)
+    receiver = Receiver(lambda serial: link, settings.conversion_ms, clock)
+    layout = receiver.open()
     try:
-        board.start(clock())
-        frames = _frames(board, layout, clock() + round(_FIRST_FRAMES_S * 1e9), clock)
+        if not layout.alive:
+            raise DeviceFault(
+                "not one cell of the tactile board answers", "check the fingers' cables"
+            )
+        places = _places(layout, settings)
+        frames = _frames(receiver, layout, clock() + round(_FIRST_FRAMES_S * 1e9), clock)
         samples = [pressure for pressure, _ in zip(frames, range(REST_FRAMES), strict=False)]
         if len(samples) < REST_FRAMES:
             raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
@@ -54,7 +55,7 @@ def watch(
         on_rest()
         strongest = least_fall_counts - 1
         last: Cell | None = None
-        for pressure in _frames(board, layout, clock() + round(seconds * 1e9), clock):
+        for pressure in _frames(receiver, layout, clock() + round(seconds * 1e9), clock):
             falls = (rest - pressure)[list(layout.places)]
             worst = int(np.argmax(falls))
             cell, fall = layout.alive[worst], int(falls[worst])
@@ -64,7 +65,7 @@ def watch(
                 strongest, last = fall, cell
                 yield TaxelPress(*cell, fall, *places.get(cell, (None, None)))
     finally:
-        board.close(clock())
+        receiver.close()
 
 
 def _places(layout: Layout, settings: TakkTileSettings) -> dict[Cell, tuple[str, int]]:
@@ -76,13 +77,15 @@ def _places(layout: Layout, settings: TakkTileSettings) -> dict[Cell, tuple[str,
 
 
 def _frames(
-    board: Board, layout: Layout, until_ns: int, clock: Callable[[], int]
+    receiver: Receiver, layout: Layout, until_ns: int, clock: Callable[[], int]
 ) -> Iterator[Codes]:
     """(cells,) pressure codes of each frame until a time, in frame order."""
-    while (now_ns := clock()) < until_ns:
-        reading = board.read(now_ns)
-        if isinstance(reading, Missed):
-            continue
-        codes = reading.codes(layout.frame_cells)
-        if codes is not None:
-            yield codes[0]
+    while clock() < until_ns:
+        receiver.receive()
+        batch = receiver.take()
+        if batch.error is not None:
+            raise batch.error
+        for reading in batch.readings:
+            codes = reading.codes(layout.frame_cells)
+            if codes is not None:
+                yield codes[0]

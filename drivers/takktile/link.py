@@ -19,9 +19,16 @@ import usb.util
 
 from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.takktile import protocol
-from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
 from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID, Layout
-from drivers.takktile.receiver import Connect, Receiver
+from drivers.takktile.receiver import (
+    READ_TIMEOUT_MS,
+    Connect,
+    Receiver,
+    Transfer,
+    hung,
+    stalled,
+    unplugged,
+)
 from drivers.takktile.settings import TakkTileSettings
 
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
@@ -81,8 +88,7 @@ class UsbLink:
         ``backend``: a pyusb back end, whose ``url``, if any, appears in error messages; None is the
         machine's libusb.
         """
-        device = _find(serial, backend)
-        return cls(device, clock, read_timeout_ms, control_timeout_ms)
+        return cls(_find(serial, backend), clock, read_timeout_ms, control_timeout_ms)
 
     @property
     def serial(self) -> str:

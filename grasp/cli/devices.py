@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from drivers.checks import failures
 from drivers.errors import UsageError
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MODE, mode_warning
@@ -62,7 +63,7 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
             arm_preflight.read_status(host, config.ur.step_timeout_s)[1]
         )
     )
-    failed = [check for check in checks if check.status == "fail"]
+    failed = failures(checks)
     code = exits.DEVICE if failed else exits.SUCCESS
     value = {"arm": host, "state": state, "checks": [check._asdict() for check in checks]}
     lab.print_done(args, lab.Done(_listed(f"arm at {host}", state), value, code))

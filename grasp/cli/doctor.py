@@ -13,6 +13,7 @@ MARKS = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 def doctor(args: argparse.Namespace) -> int:
     if args.hosts:
         return _find(args)
+    from drivers.checks import failures
     from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.doctor import examine
     from scenarios.trial.execution import make_guard
@@ -31,7 +32,7 @@ def doctor(args: argparse.Namespace) -> int:
         exits.print_detail(COMPILING)
     detectors = (args.detector,) if args.detector else ()
     checks = examine(args.rig, args.config, load, check_run, detectors, args.runs)
-    failed = [check for check in checks if check.status == "fail"]
+    failed = failures(checks)
     code = exits.DEVICE if failed else exits.SUCCESS
     if any(check.name in ("configuration", "disk") for check in failed):
         code = exits.USAGE  # as in other commands

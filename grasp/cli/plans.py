@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from drivers.checks import failures
 from drivers.errors import DeviceFault, UsageError
 from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.cli import exits
@@ -37,7 +38,7 @@ def dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
 
 
 def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
-    failed = [check for check in checks if check.status == "fail"]
+    failed = failures(checks)
     code = dry_code(failed)
     if not args.json:
         print("\n".join(f"would {line}" for line in would))

@@ -29,7 +29,7 @@ from drivers.interfaces import (
     GripperState,
     Vector3,
 )
-from drivers.robotiq.exchange import RESET
+from drivers.robotiq.echo_watch import RESET
 from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_not_scissor
 from grasp.control.commands import HoldFingers, MoveFingers

@@ -5,7 +5,8 @@ from typing import TypeVar
 
 import msgspec
 
-from drivers.errors import DeviceFault, Refused, UsageError
+from drivers.checks import raise_failures
+from drivers.errors import Refused, UsageError
 from drivers.interfaces import Counts3, Detection, GripperState
 from drivers.robotiq.hand_state import finger_states, scissor_in_contact
 from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_not_scissor
@@ -118,10 +119,7 @@ def check_rest(config: TrialConfig) -> None:
 def check_arm(config: GraspRigConfig) -> None:
     """Raises Refused if another process drives the arm, DeviceFault if it would not move."""
     with driving(arm_of(config)):
-        failed = [check for check in arm_checks(config) if check.status == "fail"]
-    if failed:
-        remedies = dict.fromkeys(check.remedy for check in failed if check.remedy)
-        raise DeviceFault("; ".join(check.detail for check in failed), "; ".join(remedies))
+        raise_failures(arm_checks(config))
 
 
 def gentle_settings(config: ConfigT) -> ConfigT:

@@ -4,8 +4,9 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+from drivers.checks import Check, Finding, checked, failed
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
 from drivers.robotiq.modbus import ModbusTransport
@@ -37,39 +38,12 @@ from scenarios.rigs.permission import (
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE
 from scenarios.rigs.wired import open_board
 
-Finding = tuple[str, ...]  # status, detail and, unless the status is ok, remedy
 APART_S = 0.1  # between two readings of the gripper
 FRAMES = 100  # of the fingertips, after those for the rest
 FRAMES_S = 5.0  # timeout for these frames
 MOST_LOST = 0.2  # share of ticks without a frame; assumed: a run is stale after five in a row
 ASSUMED = "counts per newton and decision rule are assumed, not measured on these fingertips"
 WRONG_DEVICE = "the data are implausible: check that the address is this device's, and its cable"
-
-
-class Check(NamedTuple):
-    """Result of one check: status is ok, warn or fail; an ok has no remedy. ``kind`` is that of the
-    error with which a run would end, unless it is a device fault."""
-
-    name: str
-    status: str
-    detail: str
-    remedy: str = ""
-    kind: str = ""
-
-
-def failed(name: str, error: Exception) -> Check:
-    """The failed check for an error."""
-    if isinstance(error, GraspError):
-        return Check(name, "fail", error.message, error.remedy, error.kind)
-    return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
-
-
-def checked(name: str, look: Callable[[], Finding]) -> Check:
-    """The check's result; an exception becomes a failure."""
-    try:
-        return Check(name, *look())
-    except Exception as error:  # the doctor reports every error
-        return failed(name, error)
 
 
 def ask_devices(
@@ -173,16 +147,16 @@ def arm_checks(config: Any) -> list[Check]:
     timeout_s = config.ur.step_timeout_s
     try:
         host = arm_address(config)
-        report = preflight(host, timeout_s, config.ur.upper_registers)
+        found = preflight(host, timeout_s, config.ur.upper_registers)
     except GraspError as error:
         return [failed("arm", error)]
-    checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
+    checks = [check._replace(name=f"arm {check.name}", kind="") for check in found]
     try:
         require_ur_rtde()
     except GraspError as error:
         checks.append(failed("arm client", error))
-    if report.version is None:
-        return checks
+    if any(check.name.startswith("rtde") and check.status != "ok" for check in found):
+        return checks  # the pose is read by RTDE too
     return [*checks, checked("arm pose", lambda: _arm_pose(host, timeout_s))]
 
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from detector.loading import DETECTORS
 from detector.plugins import installed_plugins
+from drivers.checks import Check, Finding, checked, failed
 from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 from grasp.files import nearest_folder, why_not_writable
 from grasp.run.realtime import PRIORITY
 from grasp.settings import config_dir
-from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
+from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.emulated import at_endpoints, cell_process
 from scenarios.rigs.opening import open_rig
 

@@ -7,10 +7,17 @@ wrapper intercepts the transfers, and no fault is pending.
 from collections.abc import Callable
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.takktile.board import READ_TIMEOUT_MS, Board, Transfer, hung, stalled, unplugged
 from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Receiver, UsbBoard
+from drivers.takktile.receiver import (
+    READ_TIMEOUT_MS,
+    Receiver,
+    Transfer,
+    UsbBoard,
+    hung,
+    stalled,
+    unplugged,
+)
 from drivers.takktile.settings import TakkTileSettings
 
 _NEVER = 1 << 62
@@ -93,12 +100,12 @@ class ModelLink:
 
     def advance(self, now_ns: int) -> None:
         while (done_ns := self._done_ns()) <= now_ns:
-            board, period_ns = self.receiver.board, self._model.free_period_ns
-            if board is not None and period_ns is not None:
-                done_ns = self._skip_frames(board, done_ns, period_ns, now_ns)
+            period_ns = self._model.free_period_ns
+            if self.receiver.is_open and period_ns is not None:
+                done_ns = self._skip_frames(done_ns, period_ns, now_ns)
                 if not self._wrapped:
                     self._advance_world(done_ns)
-                    self.receiver.accept(board.reading(self._model.codes(), done_ns))
+                    self.receiver.accept(self._model.codes(), done_ns)
                     self._model.start_conversion(done_ns)
                     self._read_start_ns = done_ns
                     break  # the next frame comes after now
@@ -108,14 +115,14 @@ class ModelLink:
 
     def _done_ns(self) -> int:
         """Time at which the pending read ends, or at which to try to reopen the board."""
-        if self.receiver.board is None:
+        if not self.receiver.is_open:
             return self._read_start_ns
         ready_ns = self._model.ready_ns
         if ready_ns is None:
             return self._read_start_ns + _TIMEOUT_NS
         return ready_ns if ready_ns > self._read_start_ns else self._read_start_ns
 
-    def _skip_frames(self, board: Board, done_ns: int, period_ns: int, now_ns: int) -> int:
+    def _skip_frames(self, done_ns: int, period_ns: int, now_ns: int) -> int:
         """Skip all frames but the newest up to now, since the driver uses no other; they come every
         period from ``done_ns`` on. Returns the time of the newest."""
         newer = (now_ns - done_ns) // period_ns
@@ -124,7 +131,7 @@ class ModelLink:
         skipped_ns = done_ns + (newer - 1) * period_ns
         self._advance_world(skipped_ns)
         self._model.start_conversion(skipped_ns)
-        board.conversion_start_ns = skipped_ns
+        self.receiver.conversion_start_ns = skipped_ns
         return skipped_ns + period_ns
 
     def _receive(self, done_ns: int) -> None:

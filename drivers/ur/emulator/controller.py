@@ -13,9 +13,9 @@ from typing import Literal
 import msgspec
 
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.urscript import Function, Program
+from drivers.ur.emulator.urscript import Program
 from drivers.ur.emulator.urscript_functions import BUILTINS
-from drivers.ur.emulator.urscript_parser import is_secondary, parse
+from drivers.ur.emulator.urscript_parser import Script, parse
 from drivers.ur.emulator.urscript_values import ScriptError
 from drivers.ur.settings import ArmModelSettings
 
@@ -119,8 +119,8 @@ def _checked(address: object) -> int:
 
 
 @functools.lru_cache(maxsize=8)
-def _program(text: str) -> Function:
-    """Parsed program, cached because a client sends the same text at each connection."""
+def _program(text: str) -> Script:
+    """Translated program, cached because a client sends the same text at each connection."""
     return parse(text, BUILTINS)
 
 
@@ -204,9 +204,6 @@ class Controller:
         if not self.remote_control:
             self.log("program refused: not in remote control")
             return
-        if is_secondary(text):
-            self.log("program refused: secondary programs are not emulated")
-            return
         self.stop_program("replaced")
         if not self.ready:
             self.log("program refused: the robot is not ready")
@@ -214,7 +211,7 @@ class Controller:
         try:
             self._program = Program(_program(text), self)
             self.runtime_state = RuntimeState.PLAYING
-        except (ScriptError, RecursionError) as error:
+        except ScriptError as error:
             self.script_errors += 1
             self.log(f"script error: {error}")
 

@@ -22,7 +22,7 @@ from drivers.ur.emulator.controller import (
 )
 
 PORT = 30004
-PROTOCOL_VERSIONS = (1, 2)
+PROTOCOL_VERSION = 2  # version 1 is refused: no client here uses it
 HEADER = struct.Struct(">HB")
 MAX_BYTES = 65535 - HEADER.size  # of a body
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
@@ -240,7 +240,6 @@ class RtdeConnection:
         self._output: list[str] = []
         self._every = 1  # cycles per data packet
         self._started = False
-        self._protocol = 2  # also of a client that requests none; assumed
 
     def close(self) -> None:
         self._server.release(self)
@@ -263,18 +262,12 @@ class RtdeConnection:
         if not self._started or cycle % self._every:
             return b""
         values = b"".join(sample[name] for name in self._output)
-        return packet(PacketType.DATA, self._recipe_id(True) + values)
-
-    def _recipe_id(self, valid: bool) -> bytes:
-        """Number of the output recipe, which protocol version 1 leaves out."""
-        return b"" if self._protocol == 1 else bytes([valid])
+        return packet(PacketType.DATA, b"\x01" + values)
 
     def _reply(self, kind: int, body: bytes) -> bytes:
         match kind:
             case PacketType.PROTOCOL_VERSION:
-                requested = int.from_bytes(body, "big")
-                accepted = requested in PROTOCOL_VERSIONS
-                self._protocol = requested if accepted else self._protocol
+                accepted = int.from_bytes(body, "big") == PROTOCOL_VERSION
                 return packet(PacketType.PROTOCOL_VERSION, bytes([accepted]))
             case PacketType.CONTROLLER_VERSION:
                 version = struct.pack(">4I", *self._server.profile.version)
@@ -297,17 +290,14 @@ class RtdeConnection:
 
     def _set_up_outputs(self, body: bytes) -> bytes:
         rate = self._server.profile.rate_hz
-        frequency_hz = float(rate)  # of version 1; assumed
-        if self._protocol > 1:
-            frequency_hz = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
-            body = body[_FREQUENCY.size :]
-        names = _names(body)
+        frequency_hz = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
+        names = _names(body[_FREQUENCY.size :])
         types = [self._server.output_type(name) for name in names[:_MAX_NAMES]]
         valid = _MIN_HZ <= frequency_hz <= rate and 0 < len(names) <= _MAX_NAMES
         valid = valid and NOT_FOUND not in types
         self._output = names if valid else []
         self._every = round(rate / frequency_hz) if valid else 1
-        return self._recipe_id(valid) + ",".join(types).encode()
+        return bytes([valid]) + ",".join(types).encode()
 
     def _set_up_inputs(self, body: bytes) -> bytes:
         names = _names(body)

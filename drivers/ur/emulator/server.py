@@ -8,7 +8,6 @@ each cycle, a chunk of each client in turn.
 import contextlib
 import selectors
 import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from contextlib import AbstractContextManager
 from ipaddress import ip_address
 from typing import Protocol, Self
 
-from drivers.ur.emulator.controller import Controller, EmulatorSettings, Profile
+from drivers.ur.emulator.controller import Controller, EmulatorSettings
 from drivers.ur.emulator.dashboard import BANNER, Dashboard, FaultChannel
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde import PORT as RTDE_PORT
@@ -26,9 +25,8 @@ from drivers.ur.model import ArmModel
 from drivers.ur.settings import ArmModelSettings
 
 DASHBOARD_PORT = 29999
-STATE_PORTS = (30001, 30002)  # primary and secondary: accept programs
 SCRIPT_PORT = 30003  # real time: accepts programs
-PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
+PORTS = (RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORT)
 SWITCH_S = 5e-4  # switch interval of Python threads, so that replies are not delayed
 MAX_CLIENTS = 32  # per port
 _MAX_LAG_NS = 100_000_000  # cycles missed by more than this are skipped
@@ -92,11 +90,9 @@ class ScriptDialogue(LineDialogue):
         last = self._unparsed.decode("utf-8", "replace")
         if not (self._program or last.strip()):
             return
-        blocks = self._depth + depth_change(last)
+        why = "a block without end, or no line end after it"
         if self.broken:
             why = f"longer than {MAX_CHARS} characters"
-        else:
-            why = f"{blocks} blocks without end" if blocks > 0 else "no line end after it"
         self._log(f"incomplete program ignored: {why}")
 
 
@@ -248,13 +244,10 @@ class UrEmulator:
     def _listen(self, settings: EmulatorSettings) -> int:
         dashboard = Dashboard(settings, self.controller)
         faults = FaultChannel(self.controller, self._rtde, self, settings.token)
-        version = version_message(settings.controller)
         listen, host = self._server.listen, settings.host
         listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
         listen(host, DASHBOARD_PORT, lambda: (LineDialogue(dashboard.reply), BANNER))
         load, log = self.controller.load, self.controller.log
-        for port in STATE_PORTS:
-            listen(host, port, lambda: (ScriptDialogue(load, log), version))
         listen(host, SCRIPT_PORT, lambda: (ScriptDialogue(load, log), b""))
         return listen(host, settings.fault_port, lambda: (LineDialogue(faults.reply), b""))
 
@@ -304,17 +297,3 @@ def _arm(settings: EmulatorSettings, now_ns: int) -> ArmModel:
     """An arm model whose commands take effect in the cycle in which they are given."""
     arm = ArmModelSettings(start_m=settings.start_m, period_s=settings.controller.period_ns * 1e-9)
     return ArmModel(arm, now_ns, command_latency_s=0.0)
-
-
-def version_message(profile: Profile) -> bytes:
-    """First message to a client of port 30001 or 30002: Universal Robots, "Client Interfaces".
-
-    The controller's state, which a real one also sends there, is available on RTDE only.
-    """
-    major, minor, bugfix, build = profile.version
-    name, date = b"URControl", b"01-08-2022, 00:00:00"
-    body = struct.pack(
-        f">QbbB{len(name)}sBBii{len(date)}s",
-        0, -2, 3, len(name), name, major, minor, bugfix, build, date,
-    )  # fmt: skip
-    return struct.pack(">IB", 5 + len(body), 20) + body

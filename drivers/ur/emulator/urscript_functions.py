@@ -6,9 +6,11 @@ parameter is the calling thread; its ``robot`` is the emulated controller.
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript import Builtin, Steps, Thread
+from drivers.ur.emulator.urscript import Steps, Thread
+from drivers.ur.emulator.urscript_parser import Builtin
 from drivers.ur.emulator.urscript_values import PoseValue, ScriptError, Value
 
 BUILTINS: dict[str, Builtin] = {}
@@ -162,40 +164,32 @@ def rtde_set_watchdog(
 
 # state
 
-
-@_builtin
-def is_steady(thread: Thread) -> bool:
-    return bool(thread.robot.motion.steady)
-
-
-@_builtin
-def get_actual_tcp_pose(thread: Thread) -> PoseValue:
-    return PoseValue(thread.robot.motion.tcp_pose)
-
-
-@_builtin
-def get_actual_tool_flange_pose(thread: Thread) -> PoseValue:
-    return PoseValue(kinematics.pose(thread.robot.motion.flange))
-
-
-@_builtin
-def get_target_tcp_speed(thread: Thread) -> list[float]:
-    return list(thread.robot.motion.tcp_speed)
+# read without arguments, from the controller
+_STATE: dict[str, Callable[[Any], Value]] = {
+    "is_steady": lambda robot: robot.motion.steady,
+    "get_actual_tcp_pose": lambda robot: PoseValue(robot.motion.tcp_pose),
+    "get_actual_tool_flange_pose": lambda robot: PoseValue(kinematics.pose(robot.motion.flange)),
+    "get_target_tcp_speed": lambda robot: list(robot.motion.tcp_speed),
+    "get_steptime": lambda robot: robot.period_s,
+    "get_tcp_offset": lambda robot: PoseValue(robot.motion.tcp_offset),
+    "get_target_payload": lambda robot: robot.payload_kg,
+    "get_target_payload_cog": lambda robot: list(robot.payload_cog_m),
+    # of six joints or axes; not modelled
+    "get_joint_torques": lambda robot: [0.0] * 6,
+    "get_target_payload_inertia": lambda robot: [0.0] * 6,
+}
 
 
-@_builtin
-def get_steptime(thread: Thread) -> float:
-    return float(thread.robot.period_s)
+def _getter(get: Callable[[Any], Value]) -> Builtin:
+    return lambda thread: get(thread.robot)
+
+
+BUILTINS |= {name: _getter(get) for name, get in _STATE.items()}
 
 
 @_builtin
 def set_tcp(thread: Thread, pose: Value) -> None:
     thread.robot.motion.set_tcp(_numbers(pose))
-
-
-@_builtin
-def get_tcp_offset(thread: Thread) -> PoseValue:
-    return PoseValue(thread.robot.motion.tcp_offset)
 
 
 @_builtin
@@ -207,16 +201,6 @@ def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
 @_builtin
 def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
     set_payload(thread, m, cog)
-
-
-@_builtin
-def get_target_payload(thread: Thread) -> float:
-    return float(thread.robot.payload_kg)
-
-
-@_builtin
-def get_target_payload_cog(thread: Thread) -> list[float]:
-    return list(thread.robot.payload_cog_m)
 
 
 # geometry
@@ -293,11 +277,6 @@ def _without_effect(name: str) -> Builtin:
     return taken
 
 
-def _zeros(thread: Thread) -> list[float]:
-    """Zeros for quantities of six joints or axes that are not modelled."""
-    return [0.0] * 6
-
-
 def _not_emulated(name: str) -> Builtin:
     def refuse(thread: Thread, *values: Value, **named: Value) -> None:
         raise ScriptError(f"{name} is not emulated")
@@ -312,6 +291,5 @@ _NOT_EMULATED = (
     "freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history get_freedrive_status "
     "get_target_waypoint movej servoc servoj speedj teach_mode tool_contact"
 )
-BUILTINS |= dict.fromkeys(("get_joint_torques", "get_target_payload_inertia"), _zeros)
 BUILTINS |= {name: _without_effect(name) for name in _WITHOUT_EFFECT.split()}
 BUILTINS |= {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

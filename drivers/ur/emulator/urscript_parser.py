@@ -1,387 +1,290 @@
-"""Parser of URScript (Universal Robots, "The URScript Programming Language") to a syntax tree.
+"""URScript (Universal Robots, "The URScript Programming Language") translated to Python.
 
-It supports the part of the language that ur_rtde's control script uses: functions, threads, ``if``,
-``while``, assignments, lists, poses, calls with named arguments. A line end only ends comments,
-``return`` values and calls, as on the controller. Text is never run as Python.
+It supports what ur_rtde's control script uses: functions, threads, ``if``, ``while``, assignments,
+lists, poses, calls with named arguments; one statement a line. A function becomes a generator
+function that yields where the program waits for the next cycle. Only literals, operators and calls
+of known functions are translated, and names get a prefix: ``v_`` for variables, ``f_`` for the
+program's functions, ``b_`` for built-in ones. So a program reaches nothing else of Python.
 """
 
+import ast
 import functools
 import inspect
-import operator
+import math
 import re
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from types import CodeType
+from typing import Any, NamedTuple
 
-from drivers.ur.emulator import urscript as tree
-from drivers.ur.emulator.urscript import Builtin, Function, Node
-from drivers.ur.emulator.urscript_values import (
-    OPERATORS,
-    ScriptError,
-    make_list,
-    make_pose,
-    negative,
+from drivers.ur.emulator.urscript_values import INT_RANGE, OPERATORS, ScriptError
+
+# first argument: the calling thread; a generator function waits for cycles
+Builtin = Callable[..., Any]
+
+MAX_CHARS = 100_000  # ur_rtde uploads 42,000
+_MAX_LINE_CHARS = 1000
+# ur_rtde fills in its register offsets on the line after the comment
+_FILLED_IN = re.compile(r"=[ \t]*#[^\n]*\n[ \t]*(\d+)[ \t]*")
+_COMMENT = re.compile(r'("[^"]*")|#.*')
+_NAME = r"[A-Za-z_]\w*"
+_TOKEN = re.compile(rf'"(?P<text>[^"]*)"|\b(?P<name>{_NAME})', re.ASCII)
+_DEFINE = re.compile(rf"(?P<name>{_NAME})\s*\((?P<parameters>[\w\s,]*)\):", re.ASCII)
+_ASSIGN = re.compile(
+    rf"(?P<shared>global\s+)?(?P<name>{_NAME})\s*(?:\[(?P<at>.+)\])?\s*=(?!=)(?P<value>.+)",
+    re.ASCII,
 )
-
-MAX_CHARS = 250_000
-MAX_NESTING = 60  # of blocks, brackets and chained operators
-_MAX_DIGITS = 40
-_INT_END = 2**31
-
-
-class Token(NamedTuple):
-    """Token; ``kind`` is "number", "text", "name", the word itself for keywords and signs, or "end
-    of program"."""
-
-    kind: str
-    text: str
-    line: int
+_RUN = re.compile(rf"run\s+({_NAME})\s*\(\)", re.ASCII)
+_WORDS = {"and", "or", "not", "True", "False"}
+_OPENING = re.compile(r"\s*(def|sec|thread|if|while)\b", re.ASCII)
+_CLOSING = re.compile(r"\s*end\b", re.ASCII)
+_INVALID = (SyntaxError, ValueError, MemoryError, RecursionError)  # raised by Python's parser
 
 
-_WORDS = """
-    and break continue def elif else end enter_critical exit_critical False global if join kill not
-    or return run sec thread True while
-"""
-_KEYWORDS = frozenset(_WORDS.split())
-_TOKEN = re.compile(
-    r"(?P<space>[ \t\r\f]+|#[^\n]*)"
-    r"|(?P<line>\n)"
-    r"|(?P<number>(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.]))"
-    r"|(?P<name>[A-Za-z_]\w*)"
-    r'|(?P<text>"[^"\n]*")'
-    r"|(?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:])"
-    r"|(?P<other>.)",
-    re.ASCII | re.DOTALL,
-)
-# words that open or end a block; other words, strings and comments are skipped
-_BLOCKS = re.compile(r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII)
-_SECONDARY = re.compile(r"(?:\s|#[^\n]*\n)*+sec\b", re.ASCII)
-_PRECEDENCE = {"or": 1, "and": 3, "+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
-_PRECEDENCE |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
-_NOT_PRECEDENCE, _MINUS_PRECEDENCE = 4, 8
+class Script(NamedTuple):
+    """A translated program: its code defines its functions, the main one as ``f_<name>``."""
+
+    name: str
+    code: CodeType
+    builtins: Mapping[str, Builtin]
 
 
-def parse(text: str, builtins: Mapping[str, Builtin]) -> Function:
-    """Main function of a program. Raises ScriptError for invalid text or undefined names."""
-    return _Parser(_tokens(text), builtins).program()
-
-
-def is_secondary(text: str) -> bool:
-    """Whether a program is to run beside the main one."""
-    return _SECONDARY.match(text) is not None
+def parse(text: str, builtins: Mapping[str, Builtin]) -> Script:
+    """Translated program. Raises ScriptError for invalid text or undefined names."""
+    if len(text) > MAX_CHARS:
+        raise ScriptError(f"program longer than {MAX_CHARS} characters")
+    translator = _Translator(builtins)
+    try:
+        for line in _FILLED_IN.sub(r"= \1\n", text).split("\n"):
+            translator.take(line)
+        name = translator.main()
+        return Script(name, compile(translator.source(), "<URScript>", "exec"), builtins)
+    except _INVALID as error:
+        raise ScriptError(f"invalid program: {error}") from None
 
 
 def depth_change(line: str) -> int:
-    """Blocks that one line opens, minus those that it closes."""
-    words = [word for word in _BLOCKS.findall(line) if word]
-    return len(words) - 2 * words.count("end")
+    """1 for a line that opens a block, -1 for one that closes a block, else 0."""
+    return bool(_OPENING.match(line)) - bool(_CLOSING.match(line))
 
 
-def _tokens(text: str) -> list[Token]:
-    if len(text) > MAX_CHARS:
-        raise ScriptError(f"program longer than {MAX_CHARS} characters")
-    found: list[Token] = []
-    line = 1
-    for match in _TOKEN.finditer(text):
-        kind, word = str(match.lastgroup), match.group()
-        if kind == "other":
-            raise ScriptError(f"line {line}: unexpected character {word!r}")
-        if kind == "line":
-            line += 1
-        elif kind != "space":
-            literal = kind == "sign" or word in _KEYWORDS
-            found.append(Token(word if literal else kind, word, line))
-    found.append(Token("end of program", "", line))
-    return found
+class _Function:
+    """Function or thread of the program, with the Python lines of its body."""
+
+    def __init__(self, name: str, parameters: list[str], is_thread: bool) -> None:
+        self.name = name
+        self.parameters = parameters  # with their prefix
+        self.is_thread = is_thread
+        self.body: list[str] = []
+        self.level = 1  # open blocks, the function's included
+
+    def add(self, line: str) -> None:
+        self.body.append(" " * self.level + line)
+
+    def open(self, line: str, again: bool) -> None:
+        """Open a block; ``again`` closes the one before it."""
+        self.level -= again
+        self.add(line)
+        self.level += 1
+        self.add("thread.spend()")
+
+    def source(self, shared: set[str]) -> Iterator[str]:
+        yield f"def f_{self.name}({', '.join(['thread', *self.parameters])}):"
+        if names := sorted(shared.difference(self.parameters)):
+            yield f" global {', '.join(names)}"
+        yield " yield from ()"
+        yield " thread.spend()"
+        yield from (f" {name} = copied({name})" for name in self.parameters)
+        yield from self.body
 
 
-class _Parser:
-    """Recursive-descent parser with bounded nesting, so that no text exhausts Python's stack."""
+class _Translator:
+    """Translates the lines of one program, in order."""
 
-    def __init__(self, tokens: list[Token], builtins: Mapping[str, Builtin]) -> None:
-        self._tokens = tokens
+    def __init__(self, builtins: Mapping[str, Builtin]) -> None:
         self._builtins = builtins
-        self._position = 0
-        self._depth = 0
-        self._functions: dict[str, Function] = {}
+        self._functions: dict[str, _Function] = {}
+        self._outer: list[str] = []  # functions that are in no other one
+        # functions being defined, innermost last; the first holds the statements outside them all
+        self._open = [_Function("unnamed", [], False)]
         # calls with their number of arguments; None: start of a thread
-        self._calls: list[tuple[Function, int | None]] = []
+        self._calls: list[tuple[str, int | None]] = []
+        self._shared: set[str] = set()
         self._assigned: set[str] = set()
         self._read: set[str] = set()
+        self._number = 0  # of the line
+        self._statement = ""
 
-    def program(self) -> Function:
-        body, defined = self._body("end of program")
-        main = Function("unnamed")
-        main.body = body
-        if len(defined) == 1 and not body.parts:
-            (main,) = defined
-        if main.parameters:
+    def main(self) -> str:
+        """Name of the main function; checks all names."""
+        program = self._open[-1]
+        if len(self._open) > 1 or program.level > 1:
+            raise ScriptError(f"a block of {program.name} has no end")
+        if len(self._outer) == 1 and not program.body:
+            program = self._functions[self._outer[0]]
+        self._functions[program.name] = program
+        if program.parameters:
             raise ScriptError("a program takes no parameters")
-        for function, count in self._calls:
-            if function.body is None:
-                raise ScriptError(f"function {function.name} is not defined")
-            expected = None if function.is_thread else len(function.parameters)
-            if count != expected:
-                raise ScriptError(f"{function.name} cannot be called like this")
+        for name, count in self._calls:
+            if (function := self._functions.get(name)) is None:
+                raise ScriptError(f"function {name} is not defined")
+            if count != (None if function.is_thread else len(function.parameters)):
+                raise ScriptError(f"{name} cannot be called like this")
         if unknown := sorted(self._read - self._assigned):
-            raise ScriptError(f"name {unknown[0]} is not defined")
-        return main
+            raise ScriptError(f"name {unknown[0].removeprefix('v_')} is not defined")
+        return program.name
 
-    # tokens
+    def source(self) -> str:
+        """Python source of all functions."""
+        functions = self._functions.values()
+        return "\n".join(line for each in functions for line in each.source(self._shared))
 
-    @property
-    def _next(self) -> Token:
-        return self._tokens[self._position]
-
-    def _syntax_error(self, expected: str) -> ScriptError:
-        token = self._next
-        return ScriptError(
-            f"line {token.line}: {expected} expected, not {token.text or token.kind}"
-        )
-
-    def _expect(self, kind: str) -> Token:
-        token = self._next
-        if token.kind != kind:
-            raise self._syntax_error(kind)
-        self._position += 1
-        return token
-
-    def _accept(self, kind: str) -> bool:
-        found = self._next.kind == kind
-        self._position += found
-        return found
-
-    def _same_line(self) -> bool:
-        return self._next.line == self._tokens[self._position - 1].line
-
-    def _enter_level(self) -> None:
-        self._depth += 1
-        if self._depth > MAX_NESTING:
-            raise ScriptError(f"line {self._next.line}: nested more than {MAX_NESTING} deep")
+    def _refuse(self, why: str = "not emulated") -> ScriptError:
+        return ScriptError(f"line {self._number}: {why}: {self._statement:.200}")
 
     # statements
 
-    def _body(self, *ends: str) -> tuple[tree.Block, list[Function]]:
-        """Statements up to one of these words, and the functions that they define."""
-        self._enter_level()
-        statements: list[Node] = []
-        defined: list[Function] = []
-        while (kind := self._next.kind) not in ends:
-            if kind in ("def", "sec", "thread"):
-                defined.append(self._definition())
-            else:
-                statements.append(self._statement())
-        self._depth -= 1
-        return tree.Block(*statements), defined
+    def take(self, line: str) -> None:
+        """Translate one line."""
+        self._number += 1
+        self._statement = statement = _COMMENT.sub(r"\1", line).strip()
+        if len(statement) > _MAX_LINE_CHARS:
+            raise self._refuse(f"longer than {_MAX_LINE_CHARS} characters")
+        word = re.match(r"\w*", statement, re.ASCII)
+        if statement and word:
+            self._take(word[0], statement[word.end() :].strip())
 
-    def _block(self, *ends: str) -> tree.Block:
-        self._expect(":")
-        return self._body("end", *ends)[0]
+    def _take(self, word: str, rest: str) -> None:
+        function = self._open[-1]
+        match word:
+            case "def" | "thread":
+                self._define(rest, word == "thread")
+            case "if" | "while" | "elif":
+                if not rest.endswith(":"):
+                    raise self._refuse("a colon expected")
+                function.open(f"{word} {self._value_of(rest[:-1])}:", again=word == "elif")
+            case "else" if rest == ":":
+                function.open("else:", again=True)
+            case "end" if not rest and function.level > 1:
+                function.level -= 1
+            case "end" if not rest and len(self._open) > 1:
+                self._open.pop()
+            case "return":
+                function.add(f"return {self._value_of(rest) if rest else ''}")
+            case "break" | "continue" if not rest:
+                function.add(word)
+            case "join" | "kill":
+                call = f"thread.program.{word}({self._value_of(rest)}, thread)"
+                function.add(f"yield from {call}" if word == "join" else call)
+            case "enter_critical" | "exit_critical" if not rest:
+                holder = "thread" if word == "enter_critical" else "None"
+                function.add(f"thread.program.critical = {holder}")
+            case _:
+                function.add(self._assignment() or self._value_of(self._statement))
 
-    def _definition(self) -> Function:
-        is_thread = self._next.kind == "thread"
-        self._position += 1
-        function = self._function(self._expect("name").text)
-        function.is_thread = is_thread
-        self._expect("(")
-        parameters: list[str] = []
-        while not self._accept(")"):
-            parameters.append(self._expect("name").text)
-            if self._next.kind != ")":
-                self._expect(",")
-        function.parameters = tuple(parameters)
-        self._assigned.update(parameters)
-        function.body = self._block()
-        self._expect("end")
-        return function
-
-    def _function(self, name: str) -> Function:
+    def _define(self, rest: str, is_thread: bool) -> None:
+        found = _DEFINE.fullmatch(rest)
+        if found is None:
+            raise self._refuse("a name and parameters expected")
+        name = found["name"]
         if name in self._builtins:
             raise ScriptError(f"{name} is a function of the controller")
-        return self._functions.setdefault(name, Function(name))
+        parameters = [
+            f"v_{each.strip()}" for each in found["parameters"].split(",") if each.strip()
+        ]
+        self._assigned.update(parameters)
+        if len(self._open) == 1:
+            self._outer.append(name)
+        self._functions[name] = _Function(name, parameters, is_thread)
+        self._open.append(self._functions[name])
 
-    def _statement(self) -> Node:
-        match self._next.kind:
-            case "if":
-                return self._if()
-            case "while":
-                self._position += 1
-                loop = tree.While(self._expression(), self._block())
-                self._expect("end")
-                return loop
-            case "return":
-                self._position += 1
-                valued = self._same_line() and self._next.kind not in ("end", "end of program")
-                return tree.Return(*([self._expression()] if valued else []))
-            case "join" | "kill" as word:
-                self._position += 1
-                return (tree.Join if word == "join" else tree.Kill)(self._expression())
-            case "enter_critical" | "exit_critical" as word:
-                self._position += 1
-                return tree.Critical(word == "enter_critical")
-            case "break" | "continue" as word:
-                self._position += 1
-                return tree.Literal(tree.BREAK if word == "break" else tree.CONTINUE)
-            case "global":
-                self._position += 1
-                name = self._expect("name").text
-                self._expect("=")
-                return self._assign(name, True)
-        return self._simple()
-
-    def _if(self) -> tree.If:
-        branches: list[tuple[Node, tree.Block]] = []
-        while self._accept("elif" if branches else "if"):
-            condition = self._expression()
-            branches.append((condition, self._block("elif", "else")))
-        if self._accept("else"):
-            branches.append((tree.Literal(True), self._block()))
-        self._expect("end")
-        return tree.If(branches)
-
-    def _assign(self, name: str, shared: bool) -> tree.Assign:
+    def _assignment(self) -> str | None:
+        """The statement as an assignment, which copies lists; None when it is no assignment."""
+        found = _ASSIGN.fullmatch(self._statement)
+        if found is None:
+            return None
+        name, value = f"v_{found['name']}", self._value_of(found["value"])
+        if found["at"] is not None:
+            self._read.add(name)
+            return f"set_element({name}, {self._value_of(found['at'])}, {value})"
         self._assigned.add(name)
-        return tree.Assign(name, self._expression(), shared)
-
-    def _simple(self) -> Node:
-        left = self._expression()
-        if not self._accept("="):
-            return tree.Evaluate(left)
-        if isinstance(left, tree.Name):
-            return self._assign(left.name, False)
-        if isinstance(left, tree.Index) and isinstance(left.parts[0], tree.Name):
-            return tree.AssignElement(left.parts[0].name, left.parts[1], self._expression())
-        raise self._syntax_error("a variable before =")
+        if found["shared"]:
+            self._shared.add(name)
+        return f"{name} = copied({value})"
 
     # expressions
 
-    def _expression(self, least_precedence: int = 0) -> Node:
-        depth = self._depth
-        self._enter_level()
-        left = self._operand()
-        while (precedence := _PRECEDENCE.get(self._next.kind, 0)) > least_precedence:
-            self._enter_level()  # chained operators are nested in the tree, too
-            sign = self._next.kind
-            self._position += 1
-            right = self._expression(precedence)
-            logical = sign in ("and", "or")
-            left = (
-                tree.Logical(sign, left, right)
-                if logical
-                else tree.Operation(OPERATORS[sign], left, right)
-            )
-        self._depth = depth
-        return left
+    def _value_of(self, text: str) -> str:
+        """Python expression with the value of this one."""
+        if started := _RUN.fullmatch(text.strip()):
+            self._calls.append((started[1], None))
+            return f"thread.program.start(f_{started[1]})"
+        try:
+            return self._value(ast.parse(_TOKEN.sub(_prefixed, text).strip(), mode="eval").body)
+        except _INVALID:
+            raise self._refuse() from None
 
-    def _operand(self) -> Node:
-        if self._accept("not"):
-            return tree.Operation(operator.not_, self._expression(_NOT_PRECEDENCE))
-        if self._accept("-"):
-            return tree.Operation(negative, self._expression(_MINUS_PRECEDENCE))
-        base = self._primary()
-        depth = self._depth
-        while self._next.kind == "[" and self._same_line():
-            self._enter_level()
-            self._position += 1
-            base = tree.Index(base, self._expression())
-            self._expect("]")
-        self._depth = depth
-        return base
+    def _value(self, node: ast.expr) -> str:
+        match node:
+            case ast.Constant(value=bool() | str() as value):
+                return repr(value)
+            case ast.Constant(value=int() | float() as value) if value < _LARGEST[type(value)]:
+                return repr(value)
+            case ast.Name(id=name) if name.startswith("v_"):
+                self._read.add(name)
+                return name
+            case ast.Call(func=ast.Name(id=name), args=positional, keywords=named):
+                return self._call(name.removeprefix("v_"), positional, named)
+            case ast.BoolOp(op=sign, values=values):
+                word = " and " if isinstance(sign, ast.And) else " or "
+                return f"({word.join(map(self._value, values))})"
+            case ast.UnaryOp(op=ast.Not(), operand=value):
+                return f"(not {self._value(value)})"
+        return self._applied(*self._operation(node))
 
-    def _primary(self) -> Node:
-        token = self._next
-        self._position += 1
-        match token.kind:
-            case "number":
-                return tree.Literal(_number(token))
-            case "text":
-                return tree.Literal(token.text[1:-1])
-            case "True" | "False":
-                return tree.Literal(token.kind == "True")
-            case "(":
-                inner = self._expression()
-                self._expect(")")
-                return inner
-            case "[":
-                return tree.Operation(make_list, *self._items())
-            case "run":
-                return self._run()
-            case "name":
-                return self._named(token.text)
-        self._position -= 1
-        raise self._syntax_error("an expression")
+    def _operation(self, node: ast.expr) -> tuple[str, list[ast.expr]]:
+        """Function of the run time that computes an operation, and its operands."""
+        match node:
+            case ast.List(elts=items):
+                return "make_list", items
+            case ast.Subscript(value=ast.Name(id="v_p"), slice=ast.Tuple(elts=items)):
+                return "make_pose", items
+            case ast.Subscript(value=values, slice=at):
+                return "element", [values, at]
+            case ast.UnaryOp(op=ast.USub(), operand=value):
+                return "negative", [value]
+            case (
+                ast.BinOp(left=left, op=sign, right=right)
+                | ast.Compare(left=left, ops=[sign], comparators=[right])
+            ) if type(sign).__name__ in OPERATORS:
+                return type(sign).__name__, [left, right]
+        raise self._refuse()
 
-    def _run(self) -> tree.Run:
-        function = self._function(self._expect("name").text)
-        self._expect("(")
-        self._expect(")")
-        self._calls.append((function, None))
-        return tree.Run(function)
+    def _applied(self, function: str, operands: list[ast.expr]) -> str:
+        return f"{function}({', '.join(map(self._value, operands))})"
 
-    def _named(self, name: str) -> Node:
-        """A variable, a call, or a pose: ``p[0]`` is an element of p, ``p`` with six items is a
-        pose."""
-        if self._next.kind == "(" and self._same_line():
-            self._position += 1
-            return self._call(name)
-        if name == "p" and self._next.kind == "[" and self._same_line():
-            self._position += 1
-            items = self._items()
-            if len(items) != 1:
-                return tree.Operation(make_pose, *items)
-            self._read.add(name)
-            return tree.Index(tree.Name(name), items[0])
-        if self._next.kind != "=":
-            self._read.add(name)
-        return tree.Name(name)
-
-    def _items(self) -> list[Node]:
-        found: list[Node] = []
-        while not self._accept("]"):
-            found.append(self._expression())
-            if self._next.kind != "]":
-                self._expect(",")
-        return found
-
-    def _call(self, name: str) -> tree.Call:
-        values: list[Node] = []
-        keys: list[str] = []
-        while not self._accept(")"):
-            value = self._expression()
-            if isinstance(value, tree.Name) and self._accept("="):
-                keys.append(value.name)
-                value = self._expression()
-            elif keys:
-                raise self._syntax_error("a named argument")
-            values.append(value)
-            if self._next.kind != ")":
-                self._expect(",")
+    def _call(self, name: str, positional: list[ast.expr], named: list[ast.keyword]) -> str:
+        values = {str(each.arg).removeprefix("v_"): self._value(each.value) for each in named}
+        arguments = ["thread", *map(self._value, positional)]
         builtin = self._builtins.get(name)
-        if builtin is not None:
-            _check_arguments(name, builtin, len(values) - len(keys), keys)
-            waits = inspect.isgeneratorfunction(builtin)
-            return tree.Call(builtin, *values, keys=tuple(keys), waits=waits)
-        function = self._function(name)
-        if keys:
-            raise ScriptError(f"{name} takes no named arguments")
-        self._calls.append((function, len(values)))
-        return tree.Call(function.call, *values, waits=True)
+        if builtin is None:
+            if values:
+                raise self._refuse("no named arguments allowed")
+            self._calls.append((name, len(positional)))
+            return f"(yield from f_{name}({', '.join(arguments)}))"
+        try:
+            _signature(builtin).bind(*arguments, **values)
+        except TypeError as error:
+            raise self._refuse(str(error)) from None
+        call = f"b_{name}({', '.join(arguments + [f'{key}={values[key]}' for key in values])})"
+        return f"(yield from {call})" if inspect.isgeneratorfunction(builtin) else call
 
 
 _signature = functools.cache(inspect.signature)
+_LARGEST = {int: INT_RANGE, float: math.inf}
 
 
-def _check_arguments(name: str, builtin: Builtin, positional: int, keys: list[str]) -> None:
-    try:
-        _signature(builtin).bind(None, *[None] * positional, **dict.fromkeys(keys))
-    except TypeError as error:
-        raise ScriptError(f"{name}: {error}") from None
-
-
-def _number(token: Token) -> int | float:
-    if len(token.text) > _MAX_DIGITS:
-        raise ScriptError(f"line {token.line}: number of more than {_MAX_DIGITS} characters")
-    if not token.text.isdigit():
-        return float(token.text)
-    if int(token.text) >= _INT_END:
-        raise ScriptError(f"line {token.line}: integer beyond 32 bits")
-    return int(token.text)
+def _prefixed(token: re.Match[str]) -> str:
+    """A name with its prefix; a string as a Python literal."""
+    if token["text"] is not None:
+        return repr(token["text"])
+    return token["name"] if token["name"] in _WORDS else f"v_{token['name']}"

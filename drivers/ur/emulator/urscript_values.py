@@ -6,7 +6,7 @@ from typing import Any
 
 Value = Any  # int, float, bool, str, list of values, PoseValue; None: no value
 
-_INT_RANGE = 2**31
+INT_RANGE = 2**31
 
 
 class ScriptError(Exception):
@@ -29,7 +29,7 @@ def _arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Value, Value],
         if not isinstance(left, int | float) or not isinstance(right, int | float):
             raise ScriptError("arithmetic or comparison of what is not a number")
         value = function(left, right)
-        if isinstance(value, int) and not -_INT_RANGE <= value < _INT_RANGE:
+        if isinstance(value, int) and not -INT_RANGE <= value < INT_RANGE:
             raise ScriptError("integer overflow")
         return value
 
@@ -37,18 +37,20 @@ def _arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Value, Value],
 
 
 _ON_NUMBERS = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-    "%": operator.mod, "<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge,
+    "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "Div": operator.truediv,
+    "Mod": operator.mod, "Lt": operator.lt, "Gt": operator.gt, "LtE": operator.le,
+    "GtE": operator.ge,
 }  # fmt: skip
+# by their names in Python's syntax tree
 OPERATORS: Mapping[str, Callable[[Value, Value], Value]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    **{sign: _arithmetic(function) for sign, function in _ON_NUMBERS.items()},
+    "Eq": operator.eq,
+    "NotEq": operator.ne,
+    **{name: _arithmetic(function) for name, function in _ON_NUMBERS.items()},
 }
 
 
 def negative(value: Value) -> Value:
-    return OPERATORS["-"](0, value)
+    return OPERATORS["Sub"](0, value)
 
 
 def make_list(*values: Value) -> list[Value]:
@@ -73,6 +75,10 @@ def position_in(values: Value, at: Value) -> int:
     if not 0 <= at < len(values):
         raise ScriptError(f"index {at} out of range")
     return at
+
+
+def set_element(values: Value, at: Value, value: Value) -> None:
+    values[position_in(values, at)] = element_for(values, value)
 
 
 def element_for(values: list[Value], value: Value) -> Value:

@@ -7,19 +7,14 @@ import math
 import os
 from typing import Self
 
+from drivers.checks import raise_failures
 from drivers.errors import DeviceFault, LinkLost, Refused, on_failure
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, State
-from drivers.ur.link.preflight import (
-    PreflightFindings,
-    preflight,
-    raise_for_failures,
-    require_stationary,
-    require_ur_rtde,
-)
+from drivers.ur.link.preflight import preflight, require_stationary, require_ur_rtde
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 from drivers.ur.settings import UrSettings
 
@@ -48,13 +43,13 @@ class UrLink:
         self._stop_number: int | None = None
         self._stop_deadline_ns = 0
 
-    def connect(self) -> PreflightFindings:
+    def connect(self) -> None:
         """Run the pre-flight checks, start the worker; raises LinkLost or DeviceFault, also when
         the arm moves."""
         self.close()
         s = self._settings
-        findings = preflight(s.host, s.step_timeout_s, s.upper_registers)
-        raise_for_failures(findings)
+        checks = preflight(s.host, s.step_timeout_s, s.upper_registers)
+        raise_failures(checks, f"arm at {s.host}: ")
         require_stationary(s.host, s.step_timeout_s)
         setup = messages.Setup(
             host=s.host,
@@ -79,7 +74,6 @@ class UrLink:
         self._has_rotated = False
         if self._powered_state is not None:
             self._rotation = self._powered_state.pose[3:]
-        return findings
 
     def close(self) -> None:
         """Brake if necessary, end the program on the controller and the worker."""

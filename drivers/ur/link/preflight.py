@@ -12,10 +12,11 @@ import socket
 import struct
 import sys
 import time
-from typing import Final, Literal
+from typing import Final
 
 import msgspec
 
+from drivers.checks import Check
 from drivers.errors import DeviceFault, LinkLost, UsageError
 from drivers.interfaces import MIN_SPEED_FRACTION
 from drivers.ur.link.connections import (
@@ -59,73 +60,31 @@ def require_ur_rtde() -> None:
         )
 
 
-class PreflightCheck(msgspec.Struct, frozen=True):
-    """Result of one check; ``remedy`` is empty when there is nothing to do."""
-
-    name: str
-    status: Literal["ok", "warn", "fail"]
-    detail: str
-    remedy: str = ""
-
-
-class PreflightFindings(msgspec.Struct, frozen=True):
-    """Results of all checks; those that depend on a failed one are omitted."""
-
-    host: str
-    checks: tuple[PreflightCheck, ...]
-    version: Version | None = None
-
-    @property
-    def failures(self) -> tuple[PreflightCheck, ...]:
-        return tuple(check for check in self.checks if check.status == "fail")
-
-
-# checks that fail on a reachable controller: wrong setup, or a state that prevents motion
-_STATE_CHECKS = (
-    "version", "registers", "program", "speed slider", "remote control", "robot mode",
-    "safety mode",
-)  # fmt: skip
-
-
-def preflight(
-    host: str, step_timeout_s: float = 2.0, upper_registers: bool = False
-) -> PreflightFindings:
-    """Run all checks; never raises on an unfit controller, each step has a time-out."""
+def preflight(host: str, step_timeout_s: float = 2.0, upper_registers: bool = False) -> list[Check]:
+    """Run all checks; those that depend on a failed one are omitted. Never raises on an unfit
+    controller; each step has a time-out."""
     checks = _Checks(host, step_timeout_s, upper_registers)
     open_ports = checks.ports()
     if RTDE_PORT in open_ports:
         checks.rtde()
     if DASHBOARD_PORT in open_ports:
         checks.dashboard()
-    return PreflightFindings(host, tuple(checks.checks), checks.version)
-
-
-def raise_for_failures(findings: PreflightFindings) -> None:
-    """Raise for findings with failures: all of them in one message, by the gravest kind.
-
-    LinkLost when something does not reply, DeviceFault when robot or safety state prevent motion or
-    the controller is not set up for remote control by RTDE.
-    """
-    if not (failures := findings.failures):
-        return
-    reachable = all(check.name in _STATE_CHECKS for check in failures)
-    raise (DeviceFault if reachable else LinkLost)(
-        f"arm at {findings.host}: " + "; ".join(check.detail for check in failures),
-        "; ".join(dict.fromkeys(check.remedy for check in failures)),
-    )
+    return checks.checks
 
 
 class _Checks:
     """The checks of a controller and their results."""
 
     def __init__(self, host: str, timeout_s: float, upper_registers: bool) -> None:
-        self.checks: list[PreflightCheck] = []
-        self.version: Version | None = None
+        self.checks: list[Check] = []
+        self._version: Version = ()  # not known yet
         self._host, self._timeout_s, self._upper = host, timeout_s, upper_registers
 
     def _add(self, name: str, ok_text: str, problem: str = "", remedy: str = "") -> None:
-        fit = PreflightCheck(name, "ok", ok_text)
-        self.checks.append(PreflightCheck(name, "fail", problem, remedy) if problem else fit)
+        self.checks.append(_result(name, ok_text, problem, remedy))
+
+    def _add_lost(self, name: str, problem: str, remedy: str = CHECK_CONNECTION) -> None:
+        self.checks.append(Check(name, "fail", problem, remedy, LinkLost.kind))
 
     def ports(self) -> list[int]:
         """Check all ports; returns those that are open."""
@@ -142,9 +101,10 @@ class _Checks:
                 "Security, Services); no firewall may block the port"
             )
         for port, name in _PORTS.items():
-            what = f"{name} port {port}"
-            problem = f"{what}: {problems[port]}" if port in problems else ""
-            self._add(f"{name} port", f"{what} open", problem, remedy)
+            if port in problems:
+                self._add_lost(f"{name} port", f"{name} port {port}: {problems[port]}", remedy)
+            else:
+                self._add(f"{name} port", f"{name} port {port} open")
         return [port for port in _PORTS if port not in problems]
 
     def rtde(self) -> None:
@@ -153,23 +113,22 @@ class _Checks:
             with Rtde(self._host, self._timeout_s) as rtde:
                 if rtde.request(b"V", struct.pack(">H", 2)) != b"\x01":
                     problem = "RTDE protocol version 2 is refused"
-                    self._add("version", "", problem, "update PolyScope")
+                    self._add("rtde protocol", "", problem, "update PolyScope")
                     return
                 self._add("rtde protocol", "RTDE protocol version 2")
-                self.version = struct.unpack(">4I", rtde.request(b"v"))
-                if self.version >= _POLYSCOPE_X:  # whose missing dashboard is no fault
+                self._version = struct.unpack(">4I", rtde.request(b"v"))
+                if self._version >= _POLYSCOPE_X:  # whose missing dashboard is no fault
                     self.checks = [each for each in self.checks if each.name != "dashboard port"]
-                self.checks.append(check_version(self.version))
+                self.checks.append(check_version(self._version))
                 if self.checks[-1].status != "fail":
-                    self._registers(rtde, self.version)
+                    self._registers(rtde)
                     self._readiness(rtde)
         except (OSError, ValueError, struct.error) as error:
-            problem = f"no RTDE reply from port {RTDE_PORT}: {reason(error)}"
-            self._add("rtde protocol", "", problem, CHECK_CONNECTION)
+            self._add_lost("rtde protocol", f"no RTDE reply from port {RTDE_PORT}: {reason(error)}")
 
-    def _registers(self, rtde: Rtde, version: Version) -> None:
+    def _registers(self, rtde: Rtde) -> None:
         """Check the input registers; those in use are requested again until the step's time-out."""
-        if self._upper and version >= _NO_UPPER_FROM:
+        if self._upper and self._version >= _NO_UPPER_FROM:
             problem = "ur_rtde cannot use RTDE registers 24 to 47 from PolyScope 5.23 on"
             self._add("registers", "", problem, f"set ur.upper_registers = false; {_END_OTHERS}")
             return
@@ -188,7 +147,7 @@ class _Checks:
             others_free = {"IN_USE", "NOT_FOUND"}.isdisjoint(
                 _register_types(rtde, not self._upper).values()
             )
-            if others_free and (self._upper or version < _NO_UPPER_FROM):
+            if others_free and (self._upper or self._version < _NO_UPPER_FROM):
                 use, others = ("false", "0 to 23") if self._upper else ("true", "24 to 47")
                 remedy = f"set ur.upper_registers = {use}: registers {others} are free; or {remedy}"
         elif missing:
@@ -220,10 +179,11 @@ class _Checks:
         try:
             with Dashboard(self._host, self._timeout_s) as dashboard:
                 banner = dashboard.line()
-                known = "Dashboard Server" in banner
-                problem = "" if known else f"no dashboard server: it sends {banner!r}"
-                self._add("dashboard", banner, problem, CHECK_CONNECTION)
-                if self.version is not None and self.version >= (5, 6):  # CB3 has no such switch
+                if "Dashboard Server" in banner:
+                    self._add("dashboard", banner)
+                else:
+                    self._add_lost("dashboard", f"no dashboard server: it sends {banner!r}")
+                if self._version >= (5, 6):  # CB3 has no such switch
                     self._state("remote control", dashboard.request("is in remote control"), "TRUE")
                 self._state("robot mode", dashboard.request("robotmode"), "RUNNING")
                 safety = dashboard.request("safetystatus")
@@ -231,8 +191,7 @@ class _Checks:
                     safety = dashboard.request("safetymode")
                 self._state("safety mode", safety, "NORMAL")
         except (OSError, ValueError) as error:
-            problem = f"dashboard server does not reply: {reason(error)}"
-            self._add("dashboard", "", problem, CHECK_CONNECTION)
+            self._add_lost("dashboard", f"dashboard server does not reply: {reason(error)}")
 
     def _state(self, name: str, reply: str, expected: str) -> None:
         """Check the value of a reply such as "Safetystatus: NORMAL"."""
@@ -242,6 +201,10 @@ class _Checks:
         self._add(
             name, f"{name} {state}", problem, next(remedies, ("", "see the teach pendant"))[1]
         )
+
+
+def _result(name: str, ok_text: str, problem: str = "", remedy: str = "") -> Check:
+    return Check(name, "fail", problem, remedy) if problem else Check(name, "ok", ok_text)
 
 
 _REMEDIES = {  # by text of the check and the state
@@ -255,7 +218,7 @@ _REMEDIES = {  # by text of the check and the state
 }
 
 
-def check_version(version: Version) -> PreflightCheck:
+def check_version(version: Version) -> Check:
     """Check of the version: tested with 3.15 and 5.5 to 5.22; fails where registers are missing."""
     release, text = version[:2], ".".join(map(str, version))
     if release >= _POLYSCOPE_X:
@@ -265,29 +228,27 @@ def check_version(version: Version) -> PreflightCheck:
             "ends programs"
         )
         remedy = "use an arm with PolyScope 3.15 or 5.5 to 5.22"
-        return PreflightCheck("version", "fail", detail, remedy)
+        return Check("version", "fail", detail, remedy)
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
-        return PreflightCheck("version", "fail", detail, remedy)
+        return Check("version", "fail", detail, remedy)
     if release == (3, 15) or (5, 5) <= release <= (5, 22):
-        return PreflightCheck("version", "ok", f"PolyScope {text}")
+        return Check("version", "ok", f"PolyScope {text}")
     remedy = "tested: 3.15 and 5.5 to 5.22; try slow moves first"
-    return PreflightCheck("version", "warn", f"PolyScope {text} is untested", remedy)
+    return Check("version", "warn", f"PolyScope {text} is untested", remedy)
 
 
-def check_speed_slider(fraction: float) -> PreflightCheck:
+def check_speed_slider(fraction: float) -> Check:
     """Check of the speed slider: a slower arm gets a warning, one that is too slow fails."""
     text = f"speed slider at {100 * fraction:.3g} %"
     if fraction >= _FULL_SPEED:
-        return PreflightCheck("speed slider", "ok", text)
+        return Check("speed slider", "ok", text)
     if fraction >= MIN_SPEED_FRACTION:
         slower = f"{text}: the arm moves at this share of every commanded speed"
-        return PreflightCheck("speed slider", "warn", slower, FULL_SPEED_REMEDY)
+        return Check("speed slider", "warn", slower, FULL_SPEED_REMEDY)
     least = f"{text}, and below {100 * MIN_SPEED_FRACTION:g} % slip may go undetected"
-    return PreflightCheck(
-        "speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings"
-    )
+    return Check("speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings")
 
 
 def _register_types(rtde: Rtde, upper: bool) -> dict[str, str]:

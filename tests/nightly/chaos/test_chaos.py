@@ -42,7 +42,7 @@ from tests.wire.scenarios.cell.lift_with_fault import QUICK
 PLANS, FROM = int(os.environ.get("PLANS", "20")), int(os.environ.get("FROM", "0"))
 SLACK_S = 2.0
 FRAME_BYTES = 30  # of a request to the hand, or its reply
-ARM_PORTS = (29999, 30001, 30002, 30003, 30004)
+ARM_PORTS = (29999, 30003, 30004)
 # the deadline must not end a run: a phase may last 30 s
 SETTINGS = load_config("can", "emulated", None, None, (*QUICK, "loop.deadline_s=60")).for_lift()
 

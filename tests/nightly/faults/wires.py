@@ -13,9 +13,8 @@ from detector.interface import SlipDetector
 from drivers.errors import LinkLost
 from drivers.interfaces import FINGERS, Vector3
 from drivers.robotiq.driver import RegisterTransport
-from drivers.takktile.board import Transfer
 from drivers.takktile.model.board import BoardModel
-from drivers.takktile.receiver import UsbBoard
+from drivers.takktile.receiver import Transfer, UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.control.guard import GuardSettings

@@ -99,7 +99,7 @@ def ports_of(at: dict[str, Any]) -> Ports:
     host, arm = at["host"], at["arm"]
     board, _, port = at["tactile"]["url"].removeprefix("tcp://").rpartition(":")
     return {
-        "urscript": [(host, 30001), (host, 30002), (host, arm["script"])],
+        "urscript": [(host, arm["script"])],
         "rtde": [(host, arm["rtde"])],
         "modbus": [(at["gripper"]["host"], at["gripper"]["port"])],
         "usb": [(board, int(port))],

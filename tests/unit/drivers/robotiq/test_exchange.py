@@ -382,7 +382,7 @@ def finger(at: int, detection: int, requested: int = 0):
 def test_hold_keeps_a_target_within_one_count_of_the_position() -> None:
     for at, kept in [(61, 60), (62, 62), (59, 60), (58, 58)]:
         resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
-        assert hold_targets(resting, command(60, 60, 60)) == (kept,) * 3, (at, kept)
+        assert hold_targets(resting, command(60, 60, 60).axes[:3]) == (kept,) * 3, (at, kept)
 
 
 def test_hold_keeps_the_target_of_a_finger_that_reports_to_be_there() -> None:
@@ -392,20 +392,24 @@ def test_hold_keeps_the_target_of_a_finger_that_reports_to_be_there() -> None:
         (50, 65, 65),  # status of another request
     ]:
         resting = [finger(at, list(Detection).index(Detection.AT_TARGET), requested)] * 3
-        assert hold_targets(resting, command(60, 60, 60)) == (kept,) * 3, (requested, at, kept)
+        assert hold_targets(resting, command(60, 60, 60).axes[:3]) == (kept,) * 3, (
+            requested,
+            at,
+            kept,
+        )
 
 
 def test_hold_never_moves_the_target_of_a_finger_in_contact_farther() -> None:
     for at, kept in [(55, 55), (60, 60), (66, 60)]:
         latched = [finger(at, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-        assert hold_targets(latched, command(60, 60, 60)) == (kept,) * 3, (at, kept)
+        assert hold_targets(latched, command(60, 60, 60).axes[:3]) == (kept,) * 3, (at, kept)
 
 
 def test_hold_stops_an_opening_finger_that_still_reports_contact() -> None:
     """Except when its target is within the position error."""
     for target, kept in [(0, 60), (43, 60), (44, 44)]:
         latched = [finger(60, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-        targets = hold_targets(latched, command(target, target, target))
+        targets = hold_targets(latched, command(target, target, target).axes[:3])
         assert targets == (kept,) * 3, (target, kept)
 
 

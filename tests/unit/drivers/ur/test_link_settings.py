@@ -75,7 +75,7 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> list[RecordingWorker]:
 
     monkeypatch.setattr(client, "require_ur_rtde", lambda: None)
     monkeypatch.setattr(client, "preflight", preflight)
-    monkeypatch.setattr(client, "raise_for_failures", lambda _: None)
+    monkeypatch.setattr(client, "raise_failures", lambda *_: None)
     monkeypatch.setattr(client, "require_stationary", preflight)
     monkeypatch.setattr(client, "WorkerProcess", start)
     return started

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.checks import Check
 from drivers.errors import Refused, UsageError
 from grasp.cli.main import main
 from grasp.cli.plans import dry_code
-from scenarios.rigs.device_checks import Check
 from tests.calibrations import PRESSED
 
 PRESSES = "--set " + " --set ".join(PRESSED)

@@ -47,7 +47,7 @@ class Bench:
         return usb.core.find(backend=self.bus, idVendor=0x59E3, idProduct=0x74C7)
 
     def connect(self, serial: str | None = None) -> UsbLink:
-        return UsbLink.find(serial, self.bus, control_timeout_ms=1000)
+        return UsbLink.find(serial, self.bus)
 
     def inject(self, fault: str, *args: object) -> None:
         with self.lock:

@@ -190,6 +190,10 @@ def test_threads_are_started_killed_and_kept_waiting():
 def test_programs_with_unknown_names_do_not_start():
     for body in [
         "__import__(1)",
+        "say(\N{MATHEMATICAL BOLD SMALL T}hread)",  # Python reads it as thread
+        "say(f'{thread}')",
+        "say(lambda: 1)",
+        "say([thread for thread in [1]])",
         "say(unknown)",
         "x = unknown_function()",
         "say(1, nonsense=2)",

@@ -77,7 +77,7 @@ def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
             gripper.poll(0)
 
         script(gripper, rest)
-    if client.driver._position_jumped:  # noqa: SLF001  (then the driver limits the speed)
+    if client.driver._hand._position_jumped:  # noqa: SLF001  (then the driver limits the speed)
         pytest.skip("this machine stalled, so that the emulated fingers jumped")
     assert without_repeats(served.writes) == bytes_in_a_loop()
 

@@ -54,33 +54,11 @@ def failure(reader: TakkTileDriver) -> LinkLost | DeviceFault:
     raise AssertionError("nothing failed")
 
 
-def test_frames_are_raw_minus_rest(bench, reader):
-    take_rest(reader)
-    assert not reader.frame.counts.any()
-    bench.codes = bench.codes - 30
-    poll_until(reader, lambda: reader.frame.counts.max() == -30, "press")
-    assert reader.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
-
-
 def test_frames_that_are_not_polled_are_overruns(reader):
     eventually(lambda: reader.statistics.overruns > 0, "ring full")
     reader.poll(time.monotonic_ns())
     assert reader.latest_raw is not None
     assert reader.statistics.decimated == 63
-
-
-def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
-    take_rest(reader)
-    last = reader.frame
-    bench.inject("time_out", 2)
-    poll_until(reader, lambda: reader.frame.stale, "stale")
-    assert reader.frame.missed >= 5
-    assert (reader.frame.counts == last.counts).all()
-    poll_until(reader, lambda: not reader.frame.stale, "fresh again")
-    assert reader.rest_taken
-    assert reader.statistics.timeouts == 2
-    assert reader.statistics.empty_ticks >= 5
-    assert reader.statistics.restarts == 0
 
 
 def test_a_board_unplugged_during_a_read_reconnects_after_replugging(bench, reader):
@@ -94,15 +72,6 @@ def test_a_board_unplugged_during_a_read_reconnects_after_replugging(bench, read
     assert reader.frame is None
     take_rest(reader)
     assert not reader.frame.counts.any()
-
-
-def test_a_dead_column_is_named_and_never_shifts_taxels(bench, reader):
-    take_rest(reader)
-    before = reader.frame.counts
-    bench.inject("kill_column", 2)
-    eventually(lambda: "row 0 column 2" in failure(reader).message, "dead column named")
-    assert (reader.frame.counts == before).all()
-    assert reader.frame.stale
 
 
 def test_stopping_the_driver_stops_the_board(bench):

@@ -95,6 +95,17 @@ def move_l(site):
     until(lambda: near(site.position, start[:3]), "not back")
 
 
+def path_and_custom_script(site):
+    """Both upload the control script again, with more text in it."""
+    c = site.connect()
+    last = site.target(dy=0.02)
+    assert c.moveL([[*site.target(dz=0.02), 0.2, 0.5, 0.0], [*last, 0.2, 0.5, 0.0]])
+    until(lambda: near(site.position, last[:3]), "not at the end of the path")
+    assert c.sendCustomScriptFunction("greet", 'x = 1 + 2\ntextmsg("greeting ", x)\n')
+    until(c.isProgramRunning, "the control script does not run again")
+    assert any("greeting 3" in line for line in site.fault(do="state")["messages"])
+
+
 def async_move_and_stop(site):
     c = site.connect()
     assert c.moveL(site.target(dz=0.2), 0.05, 0.5, True)

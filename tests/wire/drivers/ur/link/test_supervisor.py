@@ -137,7 +137,7 @@ def test_worker_blocked_in_its_start_ends_with_its_client(controller, host, numb
     script = f"""
 from drivers.ur.link.client import UrLink, UrSettings
 from drivers.ur.link import client
-client.preflight = client.raise_for_failures = client.require_stationary = lambda *asked: None
+client.preflight = client.raise_failures = client.require_stationary = lambda *asked: None
 UrLink(UrSettings(host={host!r}, step_timeout_s=4.0)).connect()
 """
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stderr=subprocess.DEVNULL)
