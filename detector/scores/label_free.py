@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from detector.decision import MAX_LOG_ODDS, RuleSettings, cusum, log_odds, mean_probability
 from detector.energy import SAMPLES_PER_MIN
+from detector.scores.figures import HIGH, LOW
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 
@@ -21,7 +22,7 @@ BLOCK = 100  # samples, one second; its maximum counts
 TAIL = 0.25  # share of the seconds that the tail is fitted to
 MIN_BLOCKS = 30
 CHUNK = 5  # consecutive blocks resampled together, because neighbours are correlated
-RESAMPLES, LOW, HIGH = 500, 0.025, 0.975
+RESAMPLES = 500
 MARGIN_SAMPLES = 100  # excluded at either end of a hold
 END_SHARE = 0.5  # of the load of a hold, below which it has ended
 MIN_LOAD_COUNTS = 30.0  # of a hand, over all its taxels: less is not a hold

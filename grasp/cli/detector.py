@@ -21,7 +21,6 @@ from drivers.interfaces import FINGERS
 from grasp.cli import exits
 from grasp.cli.options import check_writable
 from grasp.cli.output import listing, progress, show
-from grasp.files import write_whole
 from grasp.settings import config_dir, named_layer, names, sources_of, suggestion
 from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
@@ -60,8 +59,9 @@ OF_CARD = {
 
 def detector_evaluate(args: argparse.Namespace) -> int:
     from scenarios.benchmark.data_sets import read_labelled
-    from scenarios.benchmark.evaluation_file import BEGINS, evaluated
+    from scenarios.benchmark.score_file import BEGINS
     from scenarios.benchmark.scoring import contender, read_split
+    from scenarios.benchmark.slips import evaluated
 
     if args.out is not None:
         check_writable(args.out, BEGINS)
@@ -101,19 +101,18 @@ def warn(args: argparse.Namespace, recordings: Sequence[Recording]) -> list[str]
 
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
-    from scenarios.benchmark.evaluation_file import EvaluationFile
+    from scenarios.benchmark.score_file import ScoreFile, Source, write_scores
     from scenarios.trial.result import versions
 
-    source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
-    words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]
+    of = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
+    words = ["grasp", "detector", "evaluate", *args.detector, *of, "--label", args.label]
     words += ["--split", args.split] if args.data else []
     for option, values in (("--set", args.set), ("--config", args.config or ())):
         words += [word for value in values for word in (option, str(value))]
     command = shlex.join(words)
-    file = EvaluationFile(
-        data=data, label=args.label, command=command, versions=versions(), detectors=kept
-    )
-    write_whole(args.out, msgspec.json.encode(file), private=True)
+    source = Source(data, args.split if args.data else "", args.label)
+    file = ScoreFile(source=source, command=command, versions=versions(), detectors=kept)
+    write_scores(args.out, file)
     if not args.json:
         print(args.out)
 

@@ -23,6 +23,7 @@ from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
+from scenarios.trial.run_folder import RUNS
 from scenarios.world import COMPILING, is_compiled
 
 PROGRESS_S = 10.0  # longest time between two progress lines of a training
@@ -110,7 +111,7 @@ def dataset_import(args: argparse.Namespace) -> int:
 
 def detector_train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
-    out = args.out or Path(f"{args.network}{SUFFIX}")
+    out = args.out or RUNS / f"{args.network}{SUFFIX}"
     if out.suffix != SUFFIX:
         raise UsageError(f"{out} does not end in {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
     checkpoint = out.with_suffix(".checkpoint")

@@ -13,7 +13,6 @@ from detector.network_file import is_weights
 from detector.plugins import is_plugin_file
 from detector.recordings import LabelName, Recording, Split
 from detector.scores.evaluation import (
-    HAND_FINGERS,
     WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
@@ -127,9 +126,8 @@ def tune_rule(
 def minutes_at_rest(recordings: Sequence[Recording]) -> float:
     """Static time of a hand without impacts, minutes; one finger counts as a third of a hand."""
     none = np.empty(0)
-    references = [scoring_reference(Streamed(r, none, none), True) for r in recordings]
-    pairs = zip(references, recordings, strict=True)
-    return sum(s.slips.static_s * r.fingers / HAND_FINGERS for s, r in pairs) / 60.0
+    slips = [scoring_reference(Streamed(r, none, none), True).slips for r in recordings]
+    return sum(each.static_s * each.hands for each in slips) / 60.0
 
 
 class Evidence(msgspec.Struct, frozen=True):

@@ -16,7 +16,6 @@ from detector.scores.evaluation import (
     Streamed,
     evaluate_recording,
     evaluate_streams,
-    stroke_intervals,
 )
 from detector.scores.events import (
     EventMetrics,
@@ -25,6 +24,7 @@ from detector.scores.events import (
     slips_of,
     true_events,
 )
+from detector.scores.figures import Figure, samples_of
 from detector.scores.metrics import (
     auc,
     calibration_error,
@@ -113,12 +113,10 @@ def test_bootstrap_resamples_whole_strokes_and_is_reproducible() -> None:
     labels = flags(50, 50, 50, 50, 50, 50)
     p = labels.astype(float)
     p[250:] = 0.0  # one stroke of three is missed
-    assert stroke_intervals(p, labels, 0.5, seed=1)["auc"] == (0.5, 1.0)
-    assert auc(p, labels) == pytest.approx(5 / 6)
-    rough = np.random.default_rng(0).random(300)
-    once, again, other = (stroke_intervals(rough, labels, 0.5, seed) for seed in (1, 1, 2))
-    assert once == again
-    assert once != other
+    area = samples_of([(p, labels)]).auc()
+    assert area == Figure(pytest.approx(5 / 6), 0.5, 1.0)
+    assert samples_of([(p, labels)]).auc() == area
+    assert samples_of([(p[:150], labels[:150])]).auc() == Figure(1.0), "one stroke: no interval"
 
 
 def test_calibration_error_is_the_difference_of_probability_and_frequency() -> None:

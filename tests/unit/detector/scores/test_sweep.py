@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, evaluate_streams
-from detector.scores.sweep import best, pareto_front, rules, sweep
+from detector.scores.sweep import best, rules, sweep
 from tests.unit.detector.scores.test_evaluation import Scripted, flags, times
 
 
@@ -45,14 +45,6 @@ def test_best_rule_is_the_fastest_within_the_budget() -> None:
         quicker = [p for p in points if p.mean_delay_ms < chosen.mean_delay_ms]
         assert all(p.false_per_min > budget for p in quicker)
     assert best([], 1.0) is None
-
-
-def test_delay_falls_with_false_events_on_the_pareto_front() -> None:
-    line = pareto_front(sweep(STREAMS, rules(RuleSettings())))
-    rates, delays = [p.false_per_min for p in line], [p.delay_ms for p in line]
-    assert len(line) > 3
-    assert rates == sorted(rates)
-    assert delays == sorted(delays, reverse=True)
 
 
 def test_single_finger_counts_as_a_third_of_a_hand() -> None:

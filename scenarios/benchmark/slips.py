@@ -1,112 +1,46 @@
-"""Files of evaluations, from `grasp detector evaluate --out FILE` to `grasp report FILE`."""
+"""Every slip of an evaluation, and the samples around the worst ones."""
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, registered_events
-from detector.recordings import LabelName
 from detector.scores.evaluation import Streamed, hand_probability, scoring_reference
-from detector.scores.sweep import pareto_front
-from drivers.errors import BadFile
+from detector.scores.figures import Figure
+from detector.scores.quantiles import Quantiles
+from scenarios.benchmark.score_file import DetectorScores, ScoredSlip, SlipTrace
 from scenarios.benchmark.scoring import Contender, Scores
 
-FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
-BEGINS = f'{{"format":"{FORMAT}"'  # first characters of every evaluation file
 MAX_TRACES = 6  # per detector
 BEFORE_S, AFTER_S = 0.5, 1.0  # range of a trace around the onset of slip
 
 
-class RuleScores(msgspec.Struct, frozen=True):
-    """Scores of one rule of the sweep; a delay of None: too many slips were missed."""
-
-    false_per_min: float
-    delay_ms: float | None
-    p90_delay_ms: float | None
-    p99_delay_ms: float | None = None  # not in older evaluation files
-
-
-class ScoredSlip(msgspec.Struct, frozen=True):
-    """A slip and its delay; ``delay_ms`` None: missed."""
-
-    recording: str
-    onset_s: float
-    delay_ms: float | None
-    kind: str  # of motion, or the cause
-    speed_mps: float | None  # commanded speed, or maximum sliding speed of the contact
-    slid_mm: float | None  # total distance
-
-
-class SlipTrace(msgspec.Struct, frozen=True):
-    """Samples around one slip, times in seconds from its onset."""
-
-    slip: ScoredSlip
-    t_s: list[float]
-    pressed: list[list[float]]  # of each finger, sum of counts above its mean before the slip
-    probabilities: list[float]
-    slipping: list[tuple[float, float]]  # from, to
-
-    def __post_init__(self) -> None:
-        if {len(self.probabilities), *map(len, self.pressed)} != {len(self.t_s)}:
-            raise ValueError("t_s, pressed and probabilities have different lengths")
-
-
-class DetectorEvaluation(msgspec.Struct, frozen=True):
-    """Evaluation of a detector with a rule; ``sheet`` is the output of `--json`."""
-
-    detector: str
-    rule: RuleSettings
-    sheet: dict[str, Any]
-    choices: list[RuleScores]  # Pareto-optimal rules, fewest false alarms first
-    slips: list[ScoredSlip]
-    worst: list[SlipTrace]
-
-
-class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
-    """Content of an evaluation file."""
-
-    format: Literal["grasp-evaluation"] = FORMAT
-    version: Literal[1] = 1
-    data: str
-    label: LabelName
-    command: str
-    versions: dict[str, str]
-    detectors: Annotated[list[DetectorEvaluation], msgspec.Meta(min_length=1)]
-
-
-def read_evaluation(path: Path) -> EvaluationFile:
-    """Read an evaluation file. Raises BadFile for any other file."""
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise no_evaluation(path, error) from None
-
-
-def no_evaluation(path: Path, reason: Exception) -> BadFile:
-    """The error for a file that is not an evaluation."""
-    remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
-    return BadFile(path, f"is not an evaluation: {reason}", remedy)
-
-
-def evaluated(contender: Contender, sheet: Scores) -> DetectorEvaluation:
-    """File entry of a detector with its evaluation ``sheet``."""
+def evaluated(contender: Contender, sheet: Scores) -> DetectorScores:
+    """Scores of a detector with its evaluation ``sheet``, for a file."""
     rule, streams = contender.config.rule, contender.streams
     slips = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(slips, key=lambda each: _badness(each[1]), reverse=True)[:MAX_TRACES]
-    return DetectorEvaluation(
-        detector=contender.label,
-        rule=rule,
-        sheet=msgspec.json.decode(msgspec.json.encode(sheet)),
-        choices=[
-            RuleScores(p.false_per_min, *map(_known, (p.delay_ms, p.p90_delay_ms, p.p99_delay_ms)))
-            for p in pareto_front(contender.points())
-        ],
-        slips=[slip for _, slip in slips],
+    return DetectorScores(
+        detector=contender.label, digest=sheet.detector_hash, rule=rule,
+        figures=figures_of(sheet), slips=[slip for _, slip in slips],
         worst=[trace(s, slip, rule) for s, slip in worst],
-    )
+    )  # fmt: skip
+
+
+def figures_of(sheet: Scores) -> dict[str, Figure]:
+    """The numbers of a score sheet by name, with their intervals; quantiles as NAME_p50."""
+    found: dict[str, Figure] = {}
+    for name, value in msgspec.structs.asdict(sheet).items():
+        if isinstance(value, Quantiles):
+            for share in ("p50", "p90", "p99"):
+                key = f"{name}_{share}"
+                found[key] = Figure(getattr(value, share), *sheet.intervals.get(key, ()))
+        elif isinstance(value, int | float):
+            found[name] = Figure(value, *sheet.intervals.get(name, ()))
+    return found
 
 
 def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
@@ -115,7 +49,7 @@ def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
     reference = scoring_reference(streamed)
     delays_ms = reference.score(registered_events(streamed.probabilities, rule)).events.delays_ms
     slips = reference.slips
-    events = slips.truth[slips.counted[slips.truth[:, 0]]]
+    events = slips.truth[slips.scored]
     last = len(recording.t_s) - 1
     return [
         ScoredSlip(
