@@ -22,11 +22,7 @@ from grasp.run.loop import Tick
 from scenarios.acquire.config import with_values
 from scenarios.acquire.datasets.causes import PERMISSIVE
 from scenarios.acquire.datasets.plan import part_of_job, random_parameters
-from scenarios.acquire.datasets.random_objects import (
-    random_object,
-    relaxed_forces_n,
-    shape_ranges,
-)
+from scenarios.acquire.datasets.random_objects import first_grip_n, random_object
 from scenarios.benchmark.protocol import LiftRanges, Range, SplitName, load_protocol
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift
@@ -232,7 +228,7 @@ def sampled(config: LiftConfig, seed: int, number: int) -> tuple[LiftConfig, Gri
     config = replace(config, hand=hand)
     load = ranges.weak if is_weak(number) else ranges.sufficient
     for _ in range(MAX_TRIES):
-        config = replace(config, object=_body(config, shape, load, rng))
+        config = replace(config, object=random_object(shape, load, config, rng))
         grip = _grip(config, seed, ranges)
         fits = grip.least_n <= ranges.holdable * config.guard.force_limit_n
         if fits and (grip.crush_n <= ranges.crush_n or not is_fragile(number)):
@@ -248,20 +244,11 @@ def _fingertips(hands: str, seed: int, number: int) -> dict[str, float]:
     return random_parameters(ranges, seed)
 
 
-def _body(config: LiftConfig, shape: str, load: Range, rng: np.random.Generator) -> GraspObject:
-    full_n = sum(config.guard.full_grip_n)
-    hand = config.contact
-    return random_object(shape_ranges(shape), load, hand, config.hand.m_per_count, full_n, rng)
-
-
 def _grip(config: LiftConfig, seed: int, ranges: LiftRanges) -> Grip:
     body = cell_settings(config, seed)[0].body
     accelerated = GRAVITY_MPS2 + config.controller.lift_acceleration_mps2
     least_n = body.total_kg * accelerated / (2.0 * body.friction_kinetic)
-    first_n = relaxed_forces_n(
-        config.object, config.contact, config.hand.m_per_count, config.object.grip_counts
-    )[0]
-    return Grip(body, least_n, ranges.crush * max(least_n, first_n))
+    return Grip(body, least_n, ranges.crush * max(least_n, first_grip_n(config)[0]))
 
 
 def tasks(config: LiftConfig, split: SplitName, checked: int) -> list[LiftTask]:

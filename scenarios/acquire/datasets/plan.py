@@ -304,11 +304,8 @@ def _commit() -> str:
 
 def _object(row: CauseRow, word: str, seed: int) -> dict[str, Any]:
     """Settings of a random object, distinct from the objects of the experiments."""
-    config = base_lift_config("")
-    body = random_objects.random_object(
-        random_objects.shape_ranges(word), row.load, config.contact, config.hand.m_per_count,
-        sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
-    )  # fmt: skip
+    rng = np.random.default_rng([seed, 4])
+    body = random_objects.random_object(word, row.load, base_lift_config(""), rng)
     return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
 
 
