@@ -66,15 +66,15 @@ def score(task: Task) -> tuple[str, list[Row]]:
     name, made = task.detector, task.streamed(task.test)
     sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
     judged = [score_stream(s, rule).events for s in streams]
-    samples, n = samples_of([scored_samples(s, rule) for s in streams]), sheet.n_samples
+    samples, n = samples_of([scored_samples(s, rule) for s in streams]), sheet.confusion.n
     others = task.streamed(task.thresholds).streams
     at_best = samples.accuracy(best_threshold([scored_samples(s, rule) for s in others]))
     delays = [j.delays_ms for j in judged]
     every = np.concatenate(delays)
     rows = [
-        accuracy(name, sheet),
+        of_figure(name, ACCURACY, sheet.figures["accuracy"], n=n),
         of_figure(name, AT_BEST, at_best, n=n),
-        between(name, "AUC", sheet.auc, sheet.intervals["auc"], n),
+        of_figure(name, "AUC", sheet.figures["auc"], 1.0, n),
         median(name, "delay p50, ms", quantiles(every)),
         mean_delay(name, [d[np.isfinite(d)] for d in delays]),
         percent(name, "slips missed, %", int(np.isinf(every).sum()), len(every)),
@@ -90,11 +90,6 @@ def of_figure(
 ) -> Row:
     value, low, high = (None if x is None else factor * x for x in (f.value, f.low, f.high))
     return Row(item, measure, value, low, high, n)
-
-
-def accuracy(name: str, sheet: Any) -> Row:
-    interval = sheet.intervals["accuracy"]
-    return between(name, ACCURACY, sheet.accuracy, interval, sheet.n_samples, 100.0)
 
 
 def best_threshold(parts: Sequence[tuple[Any, Any]]) -> float:

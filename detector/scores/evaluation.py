@@ -1,7 +1,7 @@
 """Evaluation of a detector and a decision rule on labelled recordings."""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache, partial
+from functools import cache
 
 import msgspec
 import numpy as np
@@ -12,53 +12,38 @@ from detector.interface import SlipDetector
 from detector.recordings import LabelName, Recording
 from detector.scores.events import (
     EARLY_S,
-    EventMetrics,
     EventOutcomes,
     Events,
     Slips,
-    delay_quantile_ms,
+    event_figures,
     false_rate,
-    pooled,
-    recall,
     score_events,
     slips_of,
 )
-from detector.scores.figures import Figure, Samples, figure, samples_of
+from detector.scores.figures import Figure, figure, quantile_figures, samples_of
 from detector.scores.impacts import Impact, ImpactScore, impact_delays, impact_score, impacts_of
 from detector.scores.metrics import Confusion, Floats, Labels, calibration_error, confusion
-from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: earlier samples are not scored
 # The pad shears before the contact slides, and an object moves before its displacement reaches
 # the label's bound: an event in this time before the label is early, not false.
 PRE_SLIDING_S = 0.3
-Interval = tuple[float, float]
 SLIDE = "slide"  # cause of recordings of the paper's kind, which have none
 
 
-class Evaluation(EventMetrics, frozen=True, kw_only=True):
-    """Metrics of events and samples, and computing time; None where undefined."""
+class Evaluation(msgspec.Struct, frozen=True):
+    """Figures by name of a detector with a rule on recordings; see `evaluate_streams`."""
 
     detector: str
     data: str
-    label: str
-    n_samples: int
-    accuracy: float
-    weighted_precision: float
-    weighted_f1: float
-    slip_f1: float
-    balanced_accuracy: float | None
-    auc: float | None
-    false_events_per_min_by_cause: dict[str, float]
-    false_events_per_min_hand: float | None  # scaled to three fingers
-    ece: float
-    compute_us: Quantiles | None  # one update of all fingers; None without a clock
-    intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
-    threshold: float  # on the probability, for the metrics of samples
-    impacts: ImpactScore | None
+    label: LabelName
+    figures: dict[str, Figure]
     confusion: Confusion
-    recordings: int
+
+    def __getitem__(self, name: str) -> float | None:
+        """Value of a figure."""
+        return self.figures[name].value
 
 
 class Streamed(msgspec.Struct, frozen=True, eq=False):
@@ -154,8 +139,8 @@ def score_stream(s: Streamed, rule: RuleSettings, exclude_impacts: bool = False)
     return scoring_reference(s, exclude_impacts).score(registered_events(s.probabilities, rule))
 
 
-# attributes of Confusion that are fields of Evaluation
-OF_SAMPLES = ("accuracy", "weighted_precision", "weighted_f1", "slip_f1", "balanced_accuracy")
+# attributes of Confusion that are figures
+OF_SAMPLES = ("balanced_accuracy", "weighted_precision", "weighted_f1", "slip_f1")
 
 
 def evaluate_streams(
@@ -175,43 +160,21 @@ def evaluate_streams(
     outcomes = [each.events for each in scores]
     samples = samples_of([scored_samples(s, rule) for s in streams])
     cells = confusion(samples.p > detector.threshold, samples.labels)
-    figures = _figures(samples, outcomes, detector.threshold)
-    return Evaluation(
-        **msgspec.structs.asdict(pooled(outcomes)),
-        detector=detector.name,
-        data=data,
-        label=streams[0].label,
-        n_samples=cells.n,
-        **{name: getattr(cells, name) for name in OF_SAMPLES},
-        auc=figures["auc"].value,
-        false_events_per_min_by_cause=_by_cause(streams, outcomes),
-        false_events_per_min_hand=false_rate(outcomes),
-        ece=calibration_error(samples.p, samples.labels),
-        compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
-        intervals={
-            name: (each.low, each.high)
-            for name, each in figures.items()
-            if each.low is not None and each.high is not None
-        },
-        threshold=detector.threshold,
-        impacts=score_impacts(scores),
-        confusion=cells,
-        recordings=len(streams),
-    )
-
-
-def _figures(
-    samples: Samples, outcomes: Sequence[EventOutcomes], threshold: float
-) -> dict[str, Figure]:
-    """The figures with an interval; those of events need several recordings."""
-    of_samples = {"auc": samples.auc(), "accuracy": samples.accuracy(threshold)}
-    if len(outcomes) == 1:
-        return of_samples
-    return of_samples | {
-        "false_events_per_min": figure(partial(false_rate, of_hand=False), outcomes),
-        "event_recall": figure(recall, outcomes),
-        "delay_ms_p50": figure(delay_quantile_ms, outcomes),
+    impacts = score_impacts(scores)
+    figures = {
+        "recordings": Figure(len(streams)),
+        "samples": Figure(cells.n),
+        "threshold": Figure(detector.threshold),
+        "auc": samples.auc(),
+        "accuracy": samples.accuracy(detector.threshold),
+        **{name: Figure(getattr(cells, name)) for name in OF_SAMPLES},
+        "ece": Figure(calibration_error(samples.p, samples.labels)),
+        **event_figures(outcomes),
+        **_by_cause(streams, outcomes),
+        **quantile_figures("update", "us", np.concatenate([s.spent_us for s in streams])),
+        **({} if impacts is None else impacts.figures()),
     }
+    return Evaluation(detector.name, data, streams[0].label, figures, cells)
 
 
 def scored_samples(streamed: Streamed, rule: RuleSettings) -> tuple[Floats, Labels]:
@@ -248,9 +211,9 @@ def cause_of(recording: Recording) -> str:
     return (recording.metadata.cause if recording.metadata else "") or SLIDE
 
 
-def _by_cause(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> dict[str, float]:
+def _by_cause(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> dict[str, Figure]:
     of_cause: dict[str, list[EventOutcomes]] = {}
     for s, o in zip(streams, outcomes, strict=True):
         of_cause.setdefault(cause_of(s.recording), []).append(o)
-    rates = {cause: pooled(each).false_events_per_min for cause, each in sorted(of_cause.items())}
-    return {cause: rate for cause, rate in rates.items() if rate is not None}
+    return {f"false_per_min, {cause}": figure(false_rate, of_cause[cause])
+            for cause in sorted(of_cause)}  # fmt: skip

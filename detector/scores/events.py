@@ -6,13 +6,15 @@ within it; an event that started before does not count. What slips there are is 
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.scores.figures import Figure, figure, quantile_figures
 from detector.scores.metrics import Floats, Labels
-from detector.scores.quantiles import Quantiles, quantile, quantiles
+from detector.scores.quantiles import quantile
 from drivers.interfaces import PERIOD_S
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
@@ -24,25 +26,6 @@ RUN_UP_S = 0.3  # longest time before the label in which a moving contact counts
 EARLY, LATE = 30, 10
 HAND_FINGERS = 3
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
-
-
-class EventMetrics(msgspec.Struct, frozen=True):
-    """Metrics of the events of one or more recordings; None where undefined.
-
-    Delays count from the rise (``delay``) and the fall (``release_delay``) of the label; negative
-    is early. A missed slip has an infinite delay.
-    """
-
-    true_events: int
-    missed_events: int
-    registered_events: int
-    false_events: int
-    event_recall: float | None
-    event_precision: float | None
-    false_events_per_min: float | None
-    delay_ms: Quantiles | None
-    delay_mm: Quantiles | None
-    release_delay_ms: Quantiles | None
 
 
 def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
@@ -57,7 +40,7 @@ def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
 
 
 class EventOutcomes(msgspec.Struct, frozen=True, eq=False):
-    """Delays and counts of one recording by one rule; see `pooled`."""
+    """Delays and counts of one recording by one rule."""
 
     delays_ms: Floats  # of every slip, infinite if missed
     delays_mm: Floats | None  # distance slipped until the event, likewise
@@ -188,10 +171,10 @@ def score_events(registered: Events, slips: Slips) -> EventOutcomes:
 # Statistics of outcomes of several recordings; None where undefined
 
 
-def false_rate(outcomes: Sequence[EventOutcomes], of_hand: bool = True) -> float | None:
-    """False alarms a minute of a hand, or of the recordings."""
-    seconds = sum(o.hand_s if of_hand else o.static_s for o in outcomes)
-    return 60.0 * sum(o.false for o in outcomes) / seconds if seconds else None
+def false_rate(outcomes: Sequence[EventOutcomes]) -> float | None:
+    """False alarms a minute of a hand."""
+    hand_s = sum(o.hand_s for o in outcomes)
+    return 60.0 * sum(o.false for o in outcomes) / hand_s if hand_s else None
 
 
 def recall(outcomes: Sequence[EventOutcomes]) -> float | None:
@@ -212,26 +195,26 @@ def all_delays_ms(outcomes: Sequence[EventOutcomes]) -> Floats:
     return delays
 
 
-def pooled(outcomes: Sequence[EventOutcomes]) -> EventMetrics:
-    """Metrics over several recordings."""
-    delays = all_delays_ms(outcomes)
+def event_figures(outcomes: Sequence[EventOutcomes]) -> dict[str, Figure]:
+    """Figures by name. Delays count from the rise of the label, negative is early, and a missed
+    slip has an infinite one; ``release`` counts from its fall."""
+    good, false = sum(o.good for o in outcomes), sum(o.false for o in outcomes)
     slipped = [o.delays_mm for o in outcomes if o.delays_mm is not None]
-    releases = np.concatenate([o.releases_ms for o in outcomes])
-    missed, good, false = (
-        sum(getattr(o, name) for o in outcomes) for name in ("missed", "good", "false")
-    )
-    return EventMetrics(
-        true_events=len(delays),
-        missed_events=missed,
-        registered_events=good + false,
-        false_events=false,
-        event_recall=recall(outcomes),
-        event_precision=good / (good + false) if good + false else None,
-        false_events_per_min=false_rate(outcomes, of_hand=False),
-        delay_ms=quantiles(delays),
-        delay_mm=quantiles(np.concatenate(slipped)) if len(slipped) == len(outcomes) else None,
-        release_delay_ms=quantiles(releases),
-    )
+    every_mm = np.concatenate(slipped) if len(slipped) == len(outcomes) else np.empty(0)
+    return {
+        "slips": Figure(len(all_delays_ms(outcomes))),
+        "missed": Figure(sum(o.missed for o in outcomes)),
+        "events": Figure(good + false),
+        "false_alarms": Figure(false),
+        "recall": figure(recall, outcomes),
+        "precision": Figure(good / (good + false) if good + false else None),
+        "false_per_min": figure(false_rate, outcomes),
+        "delay_p50_ms": figure(delay_quantile_ms, outcomes),
+        "delay_p90_ms": figure(partial(delay_quantile_ms, share=0.9), outcomes),
+        "delay_p99_ms": figure(partial(delay_quantile_ms, share=0.99), outcomes),
+        **quantile_figures("slid", "mm", every_mm),
+        **quantile_figures("release", "ms", np.concatenate([o.releases_ms for o in outcomes])),
+    }
 
 
 def _earliest_s(

@@ -28,7 +28,9 @@ class Figure(msgspec.Struct, frozen=True):
 
 
 def figure(statistic: Callable[[Sequence[T]], float | None], units: Sequence[T]) -> Figure:
-    """The statistic with its interval over units."""
+    """The statistic with its interval over units, if there are several."""
+    if len(units) < 2:
+        return Figure(statistic(units))
     drawn = [statistic([units[i] for i in chosen]) for chosen in resamples(len(units))]
     return _bounded(statistic(units), drawn)
 
@@ -37,6 +39,15 @@ def resamples(units: int) -> list[NDArray[np.intp]]:
     """Numbers of the units in each resample, the same in every call."""
     rng = np.random.default_rng(0)
     return [rng.integers(0, units, units) for _ in range(RESAMPLES)]
+
+
+def quantile_figures(name: str, unit: str, values: Floats) -> dict[str, Figure]:
+    """Three quantiles of values, without intervals, as NAME_p50_UNIT, ...; None without values."""
+    ordered, shares = np.sort(values), {"p50": 0.5, "p90": 0.9, "p99": 0.99}
+    return {
+        f"{name}_{title}_{unit}": Figure(quantile(ordered, share) if len(values) else None)
+        for title, share in shares.items()
+    }
 
 
 def _bounded(value: float | None, drawn: Sequence[float | None]) -> Figure:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from detector.recordings import Recording
 from detector.scores.events import Events
+from detector.scores.figures import Figure
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import Quantiles, quantiles
 
@@ -63,6 +64,14 @@ class ImpactScore(msgspec.Struct, frozen=True):
     unmoved_strong: int  # of `unmoved`, without the weak ones
     unmoved_strong_registered: int
     delay_ms: Quantiles | None  # of `moved`; infinite where missed
+
+    def figures(self) -> dict[str, Figure]:
+        """The numbers by name."""
+        numbers = msgspec.structs.asdict(self)
+        del numbers["delay_ms"]
+        p50_ms = None if self.delay_ms is None else self.delay_ms.p50
+        found = {f"impacts_{name}": Figure(number) for name, number in numbers.items()}
+        return found | {"impact_delay_p50_ms": Figure(p50_ms)}
 
 
 def impact_delays(registered: Events, impacts: Sequence[Impact], t_s: Floats) -> Floats:

@@ -33,11 +33,10 @@ FEW_EVENTS = 5  # with fewer allowed false alarms the rate is uncertain
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # one for each kind of rule
 # keys that their names do not explain
 OF_SCORES = {
-    "delay_mm": "distance slid until the event",
-    "release_delay_ms": "end of the slip to the end of its event",
-    "false_events_per_min": "false alarms per minute of the recordings",
-    "false_events_per_min_by_cause": "likewise; slide: strokes as in the paper",
-    "false_events_per_min_hand": "scaled to a hand of three fingers",
+    "slid": "distance slid until the event",
+    "release": "end of the slip to the end of its event",
+    "false_per_min": "false alarms per minute of a hand of three fingers; also by cause, where "
+    "slide is strokes as in the paper",
     "threshold": "of single samples (accuracy, confusion); events follow the rule above",
 }
 OF_IMPACTS = {
@@ -81,7 +80,8 @@ def detector_evaluate(args: argparse.Namespace) -> int:
             made.config, trial_layers("can", "simulated", name, args.config, args.set)
         )
         sheet = made.evaluation()
-        value = {**msgspec.structs.asdict(sheet), "warnings": warnings}
+        digest = made.config.detector_hash()
+        value = {**msgspec.structs.asdict(sheet), "digest": digest, "warnings": warnings}
         show(args, value, scores_text(sheet, made.config.rule))
         if args.out is not None:
             kept.append(evaluated(made, sheet))
@@ -118,8 +118,11 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
 
 
 def scores_text(sheet: Any, rule: Any) -> str:
-    """The score sheet, with the decision rule."""
-    return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
+    """The figures of an evaluation, with the decision rule."""
+    figures = sheet.figures.items()
+    shown = {name: f.value for name, f in figures} | {"confusion": sheet.confusion}
+    shown["intervals"] = {name: (f.low, f.high) for name, f in figures if f.low is not None}
+    return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(shown)}"
 
 
 def legend(keys: dict[str, str]) -> str:

@@ -40,12 +40,6 @@ def _with_progress(items: Sequence[T], progress: Progress) -> Iterator[T]:
         progress(done, len(items))
 
 
-class Scores(Evaluation, frozen=True):
-    """An evaluation with the detector's digest."""
-
-    detector_hash: str  # see `TrialConfig.detector_hash`
-
-
 class Contender(msgspec.Struct, frozen=True, eq=False):
     """A detector with its configuration, and its output on the recordings."""
 
@@ -54,11 +48,10 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
     streams: list[Streamed]
     data: str
 
-    def evaluation(self) -> Scores:
+    def evaluation(self) -> Evaluation:
         """Evaluation at the configured threshold and rule."""
-        sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
-        named = {**msgspec.structs.asdict(sheet), "detector": self.label}
-        return Scores(**named, detector_hash=self.config.detector_hash())
+        found = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
+        return msgspec.structs.replace(found, detector=self.label)
 
     @property
     def label(self) -> str:

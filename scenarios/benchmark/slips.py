@@ -4,43 +4,27 @@ import math
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, registered_events
-from detector.scores.evaluation import Streamed, hand_probability, scoring_reference
-from detector.scores.figures import Figure
-from detector.scores.quantiles import Quantiles
+from detector.scores.evaluation import Evaluation, Streamed, hand_probability, scoring_reference
 from scenarios.benchmark.score_file import DetectorScores, ScoredSlip, SlipTrace
-from scenarios.benchmark.scoring import Contender, Scores
+from scenarios.benchmark.scoring import Contender
 
 MAX_TRACES = 6  # per detector
 BEFORE_S, AFTER_S = 0.5, 1.0  # range of a trace around the onset of slip
 
 
-def evaluated(contender: Contender, sheet: Scores) -> DetectorScores:
-    """Scores of a detector with its evaluation ``sheet``, for a file."""
+def evaluated(contender: Contender, evaluation: Evaluation) -> DetectorScores:
+    """Scores of a detector with its evaluation, for a file."""
     rule, streams = contender.config.rule, contender.streams
     slips = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(slips, key=lambda each: _badness(each[1]), reverse=True)[:MAX_TRACES]
     return DetectorScores(
-        detector=contender.label, digest=sheet.detector_hash, rule=rule,
-        figures=figures_of(sheet), slips=[slip for _, slip in slips],
+        detector=contender.label, digest=contender.config.detector_hash(), rule=rule,
+        figures=evaluation.figures, slips=[slip for _, slip in slips],
         worst=[trace(s, slip, rule) for s, slip in worst],
     )  # fmt: skip
-
-
-def figures_of(sheet: Scores) -> dict[str, Figure]:
-    """The numbers of a score sheet by name, with their intervals; quantiles as NAME_p50."""
-    found: dict[str, Figure] = {}
-    for name, value in msgspec.structs.asdict(sheet).items():
-        if isinstance(value, Quantiles):
-            for share in ("p50", "p90", "p99"):
-                key = f"{name}_{share}"
-                found[key] = Figure(getattr(value, share), *sheet.intervals.get(key, ()))
-        elif isinstance(value, int | float):
-            found[name] = Figure(value, *sheet.intervals.get(name, ()))
-    return found
 
 
 def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:

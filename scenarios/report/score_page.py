@@ -62,7 +62,7 @@ def _evaluation_page(file: ScoreFile) -> str:
         "minus its mean before slip.",
     )  # fmt: skip
     versions = ", ".join(f"{name} {text}" for name, text in sorted(file.versions.items()))
-    samples = number(file.detectors[0].figures.get("n_samples", NONE), 0)
+    samples = number(file.detectors[0].figures.get("samples", NONE), 0)
     return table_page(
         f"evaluation on {file.source.data}", f"label {file.source.label} · {samples} samples",
         _best(file), [EVALUATION.section(file.detectors), *worst, again], origins=[versions],
@@ -90,14 +90,12 @@ def _best(file: ScoreFile) -> str:
     def of(each: DetectorScores, name: str) -> float:
         return each.figures.get(name, NONE).value or 0.0
 
-    best, most = (
-        max(file.detectors, key=lambda d: of(d, name)) for name in ("auc", "event_recall")
-    )
-    slips = of(most, "true_events")
+    best, most = (max(file.detectors, key=lambda d: of(d, name)) for name in ("auc", "recall"))
+    slips = of(most, "slips")
     text = f"{slips:.0f} slips: "
     if of(best, "auc"):
         text += f"{best.detector} has the highest AUC ({of(best, 'auc'):.3f}); "
-    detected = slips - of(most, "missed_events")
+    detected = slips - of(most, "missed")
     return f"{text}{most.detector} detected most slips, {detected:.0f} of {slips:.0f}."
 
 
@@ -279,12 +277,12 @@ EVALUATION = Topic("Scores", {
     "AUC": _values("auc", 3),
     "accuracy, %": _shares("accuracy"),
     "calibration error": _values("ece", 3),
-    "slips detected, %": _shares("event_recall"),
-    "false alarms per minute (hand)": _values("false_events_per_min_hand", 2),
-    "delay p50, ms": _delays("delay_ms_p50"),
-    "delay p90, ms": _delays("delay_ms_p90"),
-    "slip by then p50 / p90, mm": _pairs("delay_mm_p50", "delay_mm_p90"),
-    "one update, µs": _values("compute_us_p50", 0),
+    "slips detected, %": _shares("recall"),
+    "false alarms per minute of a hand": _values("false_per_min", 2),
+    "delay p50, ms": _delays("delay_p50_ms"),
+    "delay p90, ms": _delays("delay_p90_ms"),
+    "slip by then p50 / p90, mm": _pairs("slid_p50_mm", "slid_p90_mm"),
+    "one update, µs": _values("update_p50_us", 0),
 }, "Accuracy and calibration: of samples at the detector's threshold. Slips and delays: of its "
    "decision rule. Distance and cost: –: infinite. Small: 95 % intervals.")  # fmt: skip
 

@@ -43,8 +43,8 @@ def test_an_undefined_figure_is_a_dash_and_the_best_detectors_are_named(tmp_path
     content = msgspec.json.decode(path.read_bytes())
     for each, area, missed in zip(content["detectors"], (0.8, 0.7), (2, 1), strict=True):
         each["figures"] |= {
-            "auc": {"value": area}, "true_events": {"value": 4}, "missed_events": {"value": missed},
-            "event_recall": {"value": 1 - missed / 4}, "compute_us_p50": {"value": None},
+            "auc": {"value": area}, "slips": {"value": 4}, "missed": {"value": missed},
+            "recall": {"value": 1 - missed / 4}, "update_p50_us": {"value": None},
         }  # fmt: skip
     path.write_bytes(msgspec.json.encode(content))
     page = score_page(path)
