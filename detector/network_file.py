@@ -26,7 +26,7 @@ FORMAT = 2  # 1: without checksum
 READABLE_FORMATS = (1, FORMAT)
 NO_CHECKSUM = "0" * 64  # placeholder in the card while the checksum is computed
 CARD_KEY = "grasp"
-SUFFIX = ".onnx"
+WEIGHTS_SUFFIX = ".onnx"
 MAX_FILE_BYTES = 4_000_000  # the packaged files have a tenth of a megabyte
 # Key under which a tensor names an external file with its values (TensorProto.external_data)
 EXTERNAL_DATA_KEY = b"\x0a\x08location"
@@ -117,12 +117,12 @@ def check_layout(name: str, made_for: int, taxels: int) -> None:
 
 def is_weights(word: str) -> bool:
     """Whether a word is the path of a weights file, not a name."""
-    return word.endswith(SUFFIX)
+    return word.endswith(WEIGHTS_SUFFIX)
 
 
 def weights_path(weights: str) -> Path:
     """Path of the weights: a packaged network's name, or a path that ends in .onnx."""
-    return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{SUFFIX}"
+    return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{WEIGHTS_SUFFIX}"
 
 
 def packaged_networks() -> tuple[str, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from detector.scores.evaluation import WARM_UP_SAMPLES, score_stream, scored_samples
 from detector.scores.events import EventOutcomes
-from detector.scores.figures import Figure, samples_of
-from detector.scores.quantiles import quantile, quantiles
+from detector.scores.figures import Figure, figure, samples_of
+from detector.scores.quantiles import quantiles
 from drivers.errors import GraspError
 from drivers.interfaces import FINGERS
 from grasp.cli import main as cli
@@ -26,7 +26,7 @@ from studies.results_page import ACCURACY, AT_BEST, Made, Row, between, median, 
 if TYPE_CHECKING:
     from studies.results import Run
 
-Z, RESAMPLES = 1.96, 300
+Z = 1.96
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -102,15 +102,13 @@ def best_threshold(parts: Sequence[tuple[Any, Any]]) -> float:
 
 def mean_delay(name: str, delays: Sequence[Any]) -> Row:
     """Mean delay of registered slips; the interval resamples recordings."""
-    rng, every = np.random.default_rng(0), np.concatenate(delays)
-    drawn = [np.concatenate([delays[i] for i in rng.integers(0, len(delays), len(delays))])
-             for _ in range(RESAMPLES)]  # fmt: skip
-    measure = "mean delay of registered slips, ms"
-    if not len(every):
-        return Row(name, measure, None)
-    means = sorted(float(d.mean()) for d in drawn if len(d))
-    ends = (quantile(means, 0.025), quantile(means, 0.975))
-    return between(name, measure, float(every.mean()), ends, len(every))
+
+    def mean(chosen: Sequence[Any]) -> float | None:
+        every = np.concatenate(chosen)
+        return float(every.mean()) if len(every) else None
+
+    measure, n = "mean delay of registered slips, ms", sum(map(len, delays))
+    return of_figure(name, measure, figure(mean, delays), 1.0, n or None)
 
 
 def update_cost(name: str, updates: int = 3000) -> Row:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from detector.auxiliary_outputs import (
     ENERGY_SAMPLES,
     MIN_ENERGY,
+    OUTPUTS_SUFFIX,
     SECTORS,
-    SUFFIX,
     AuxiliaryOutputs,
     Float32s,
     OutputsFile,
@@ -134,7 +134,7 @@ def trial(task: Task) -> Row:
         kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(NETWORK)
                 for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
         content = msgspec.json.encode(msgspec.structs.replace(outputs.file, scores=kept))
-        write_whole(Path(task.out) / f"{weights.stem}{SUFFIX}", content)
+        write_whole(Path(task.out) / f"{weights.stem}{OUTPUTS_SUFFIX}", content)
     return Row(weights.stem, scores)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from detector.scores.figures import Figure, figure, quantile_figures
 from detector.scores.metrics import Floats, Labels
 from detector.scores.quantiles import quantile
-from drivers.interfaces import PERIOD_S
+from drivers.interfaces import FINGERS, PERIOD_S
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
 MERGE_GAP_S = 0.1  # static gaps shorter than this do not end a slip; assumed
@@ -24,7 +24,6 @@ EARLY_S = 0.02
 RUN_UP_S = 0.3  # longest time before the label in which a moving contact counts as slip
 # samples around true sliding in which an event is not false: the pad shears before it slides
 EARLY, LATE = 30, 10
-HAND_FINGERS = 3
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
 
 
@@ -81,7 +80,7 @@ def slips_of(
     first_sample: int = 0,
     speed_mps: Floats | None = None,
     excluded: Labels | None = None,
-    fingers: int = HAND_FINGERS,
+    fingers: int = FINGERS,
 ) -> Slips:
     """True slips from labels (n,) at times (n,). Slips and false alarms count if they start at
     ``first_sample`` or later and outside the ``excluded`` samples (n,), which are not static time
@@ -102,7 +101,7 @@ def slips_of(
         truth=truth, t_s=t_s, earliest_s=_earliest_s(truth, t_s, early_s, speed_mps, excluded),
         scored=scored, follows=np.full(len(truth), -1), static=static,
         period_s=float((t_s[-1] - t_s[0]) / (len(t_s) - 1)), path_mm=path_mm,
-        hands=fingers / HAND_FINGERS,
+        hands=fingers / FINGERS,
     )  # fmt: skip
 
 
@@ -126,7 +125,7 @@ def slides_of(
         truth=truth, t_s=t_s, earliest_s=t_s[earliest],
         scored=(onset >= first_sample) & (path_m[end] - path_m[onset] >= least_m),
         follows=np.where(earliest > onset - EARLY, earliest, -1), static=static,
-        period_s=PERIOD_S, path_mm=1e3 * path_m[:-1], hands=fingers / HAND_FINGERS,
+        period_s=PERIOD_S, path_mm=1e3 * path_m[:-1], hands=fingers / FINGERS,
     )  # fmt: skip
 
 

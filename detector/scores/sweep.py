@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, events_of, fused
+from detector.recordings import MOVED_M
 from detector.scores import evaluation
 from detector.scores.evaluation import RecordingScore, Streamed, score_impacts
 from detector.scores.events import all_delays_ms, false_rate, recall
-from detector.scores.impacts import MOVED_M, ImpactScore
+from detector.scores.impacts import ImpactScore
 from detector.scores.quantiles import quantile
 
 LOG_ODDS = np.linspace(-2.0, 7.0, 28)  # thresholds of the sweep

@@ -22,8 +22,13 @@ from grasp.run.loop import Tick
 from scenarios.acquire.config import with_values
 from scenarios.acquire.datasets.causes import PERMISSIVE
 from scenarios.acquire.datasets.plan import part_of_job, random_parameters
-from scenarios.acquire.datasets.random_objects import first_grip_n, random_object
-from scenarios.benchmark.protocol import LiftRanges, Range, SplitName, load_protocol
+from scenarios.acquire.datasets.random_objects import (
+    MAX_TRIES,
+    Range,
+    first_grip_n,
+    random_object,
+)
+from scenarios.benchmark.protocol import LiftRanges, SplitName, load_protocol
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
@@ -37,9 +42,8 @@ from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.truth import Truth
 
 MISSED_M = 0.002  # a slip of this that was never registered
-FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
+TOO_FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
 SMOOTH_M = 0.0001  # texture rms; slip on smoother surfaces causes little vibration
-MAX_TRIES = 1000
 FRAGILE = {"controller.slip_response": "stop_and_step", "controller.margin_steps": 1}
 RIGHT, TOO_EARLY, GROUNDLESS, MISSED, SLID, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
     "right", "answered before slip", "answered without slip", "missed", "slid 20 mm", "lost",
@@ -186,7 +190,7 @@ def verdict(result: LiftResult, grip: Grip, fragile: bool, peak_n: float) -> str
     if fragile and peak_n > grip.crush_n:
         return CRUSHED
     if outcome in SUCCESSES or outcome in (LiftOutcome.NEVER_SLIPPED, LiftOutcome.BEYOND_12CM):
-        return RIGHT if slip_m < FAR_M else SLID
+        return RIGHT if slip_m < TOO_FAR_M else SLID
     if outcome == LiftOutcome.UNDETECTED:
         return RIGHT
     if outcome in (LiftOutcome.DROPPED, LiftOutcome.EXPELLED):

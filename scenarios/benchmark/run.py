@@ -34,7 +34,7 @@ CHECKED = 8  # lifts of a packaged detector that are repeated on the counts alon
 EXCEEDED = (0.1, 0.02, 0.004, 0.0005)
 ORACLE_S = (0.0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2, 0.3)
 TIMED_UPDATES, FIRST_UPDATES = 2000, 50  # a slow detector is known after the first
-Progress = Callable[[str, int, int], None]
+TitledProgress = Callable[[str, int, int], None]
 
 
 class Benchmark(msgspec.Struct, frozen=True):
@@ -45,7 +45,7 @@ class Benchmark(msgspec.Struct, frozen=True):
     recordings: dict[str, list[Path]]  # of the split, by set
     real: dict[str, list[Recording]]  # labelled, by name
     workers: Workers
-    progress: Progress
+    progress: TitledProgress
 
     def detector(self, config: LiftConfig) -> DetectorScores:
         """Measure one detector."""

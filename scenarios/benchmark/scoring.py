@@ -24,13 +24,13 @@ from detector.scores.evaluation import (
 from detector.scores.sweep import SweepPoint, best, rules, sweep, thresholds_at_budget
 from drivers.errors import UsageError
 from grasp.run.clock import stopwatch_ns
+from scenarios.acquire.datasets.build import Progress
 from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
 from scenarios.rigs.calibration import Files
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
-Progress = Callable[[int, int], None]  # done, total
 
 
 def _with_progress(items: Sequence[T], progress: Progress) -> Iterator[T]:
