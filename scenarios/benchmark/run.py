@@ -37,6 +37,15 @@ TIMED_UPDATES, FIRST_UPDATES = 2000, 50  # a slow detector is known after the fi
 TitledProgress = Callable[[str, int, int], None]
 
 
+class Trials(msgspec.Struct, frozen=True):
+    """Every lift and tap of a detector with one rule, or of the oracle with one delay. They are the
+    same ones in the same order for every detector."""
+
+    level: float  # threshold or limit of the rule, or delay in seconds
+    lifts: list[LiftRow]
+    taps: list[Tap]
+
+
 class Benchmark(msgspec.Struct, frozen=True):
     """Where and how to run."""
 
@@ -56,17 +65,22 @@ class Benchmark(msgspec.Struct, frozen=True):
         )
         checked = CHECKED if name in DETECTORS else self.protocol.lifts.number
         rules = [rule, *curve_rules(sets, rule)]
-        rows = self._lifts(config, rules, checked)
-        taps = [streams.score_taps(sets["mallet"], each) for each in rules]
-        points = [
-            point(level(each), row, tap) for each, row, tap in zip(rules, rows, taps, strict=True)
-        ]
+        rows = self._lifts(name, [
+            task for i, each in enumerate(rules)
+            for task in lifts.tasks(
+                msgspec.structs.replace(config, rule=each), self.split, 0 if i else checked
+            )
+        ])  # fmt: skip
+        own, *others = (
+            Trials(level(each), lifted, streams.score_taps(sets["mallet"], each))
+            for each, lifted in zip(rules, rows, strict=True)
+        )
         figures = streams.score_streams(sets, rule, threshold)
         return DetectorScores(
             detector=name, digest=config.detector_hash(), rule=rule,
-            figures=figures | lift_figures(rows[0]) | tap_figures(taps[0]),
-            point=points[0], curve=sorted(points[1:], key=lambda p: p.threshold),
-            causes=causes_of(rows[0]), real=self._real(config),
+            figures=figures | lift_figures(own.lifts) | tap_figures(own.taps),
+            point=point(own), curve=sorted(map(point, others), key=lambda p: p.threshold),
+            causes=causes_of(own.lifts), real=self._real(config),
         )  # fmt: skip
 
     def kept_oracle(self, config: LiftConfig, path: Path) -> list[Point]:
@@ -86,39 +100,19 @@ class Benchmark(msgspec.Struct, frozen=True):
             msgspec.structs.replace(task, oracle_s=delay_s)
             for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
         ]  # fmt: skip
-        rows = self._run(tasks, "oracle")
         none = np.empty((0, FINGERS))
         taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
         return [
-            point(delay_s, [row for task, row in rows if task.oracle_s == delay_s],
-                  streams.oracle_taps(taps, 1e3 * delay_s))
-            for delay_s in ORACLE_S
-        ]  # fmt: skip
-
-    def _lifts(
-        self, config: LiftConfig, rules: Sequence[RuleSettings], checked: int
-    ) -> list[list[LiftRow]]:
-        """Lifts by each rule; those by the first check the detector."""
-        tasks = [
-            task
-            for i, rule in enumerate(rules)
-            for task in lifts.tasks(
-                msgspec.structs.replace(config, rule=rule), self.split, 0 if i else checked
-            )
+            point(Trials(delay_s, lifted, streams.oracle_taps(taps, 1e3 * delay_s)))
+            for delay_s, lifted in zip(ORACLE_S, self._lifts("oracle", tasks), strict=True)
         ]
-        found = self._run(tasks, config.detector_label)
-        n = self.protocol.lifts.number
-        return [[row for _, row in found[i * n : (i + 1) * n]] for i in range(len(rules))]
 
-    def _run(self, tasks: Sequence[LiftTask], name: str) -> list[tuple[LiftTask, LiftRow]]:
-        shown, found = self._shown(f"{name}, lifts"), {}
-        shown(0, len(tasks))
-        quiet = partial(streams.give_up, name)
-        numbered = results(_numbered, list(enumerate(tasks)), self.workers, quiet)
-        for done, (key, row) in enumerate(numbered, 1):
-            found[key] = row
-            shown(done, len(tasks))
-        return [(task, found[i]) for i, task in enumerate(tasks)]
+    def _lifts(self, name: str, tasks: Sequence[LiftTask]) -> list[list[LiftRow]]:
+        """Results of the lifts, in groups of all lifts of the split."""
+        shown = self._shown(f"{name}, lifts")
+        rows = streams.in_order(run_lift, tasks, name, self.workers, shown)
+        n = self.protocol.lifts.number
+        return [rows[i : i + n] for i in range(0, len(rows), n)]
 
     def _real(self, config: LiftConfig) -> dict[str, Figure]:
         found = {}
@@ -156,10 +150,6 @@ def _first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
     return cost(config)
 
 
-def _numbered(task: tuple[int, LiftTask]) -> tuple[int, LiftRow]:
-    return task[0], run_lift(task[1])
-
-
 def level(rule: RuleSettings) -> float:
     """What the curve varies: the limit of a CUSUM, or the threshold."""
     return rule.limit if rule.kind == "cusum" else rule.threshold
@@ -179,8 +169,9 @@ def curve_rules(sets: dict[str, list[Streamed]], rule: RuleSettings) -> list[Rul
     return [msgspec.structs.replace(rule, threshold=x) for x in levels if 0.0 < x < 1.0]
 
 
-def point(threshold: float, rows: Sequence[LiftRow], taps: Sequence[Tap]) -> Point:
-    """Lifts and taps of one rule."""
+def point(trials: Trials) -> Point:
+    """Shares done right, and delays."""
+    rows, taps = trials.lifts, trials.taps
     lifted = figure(_share, [[row.right] for row in rows])
     tapped = figure(taps_right, by_hand(taps))
     delays = sorted(
@@ -190,7 +181,7 @@ def point(threshold: float, rows: Sequence[LiftRow], taps: Sequence[Tap]) -> Poi
     if lifted.value is not None and tapped.value is not None:
         both = (lifted.value + tapped.value) / 2.0
     return Point(
-        threshold, _mean_of(both, lifted, tapped), lifted, tapped,
+        trials.level, _mean_of(both, lifted, tapped), lifted, tapped,
         _finite(delays, 0.5), _finite(delays, 0.9),
     )  # fmt: skip
 

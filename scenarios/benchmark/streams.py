@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -37,13 +38,15 @@ from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_de
 from detector.scores.metrics import Confusion, Floats, Labels, confusion
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
-from scenarios.acquire.datasets.build import build
+from scenarios.acquire.datasets.build import Progress, build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
 from scenarios.benchmark.lifts import SMOOTH_M
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.config import TrialConfig
 
+T = TypeVar("T")
+R = TypeVar("R")
 # forces that the hand or arm changes by itself, and other causes without slip
 ACTUATION = (
     "force_steps", "contact_made_and_broken", "arm_vibration", "grasped_closing_and_tightening",
@@ -71,7 +74,7 @@ class Tap(msgspec.Struct, frozen=True):
 
 def ensure_recordings(
     protocol: Protocol, split: SplitName, folder: Path, workers: Workers,
-    progress: Callable[[int, int], None], layout: str = "",
+    progress: Progress, layout: str = "",
 ) -> dict[str, list[Path]]:  # fmt: skip
     """Build what is missing of a split's recordings; returns their files by set. Raises UsageError
     for a folder with other content."""
@@ -88,15 +91,29 @@ def ensure_recordings(
     return {name: [folder / name / job.path for job in jobs] for name, jobs in plans.items()}
 
 
-class _Task(msgspec.Struct, frozen=True):
-    config: TrialConfig
-    path: str
+def _probabilities(config: TrialConfig, path: Path) -> Floats:
+    counts = read(path).counts  # the labels are dropped before the detector sees anything
+    return stream(config.make_detector(counts.shape[1], counts.shape[2]), counts)[0]
 
 
-def _probabilities(task: _Task) -> tuple[str, Floats]:
-    counts = read(task.path).counts  # the labels are dropped before the detector sees anything
-    made = task.config.make_detector(counts.shape[1], counts.shape[2])
-    return task.path, stream(made, counts)[0]
+def in_order(
+    work: Callable[[T], R], tasks: Sequence[T], detector: str, workers: Workers,
+    progress: Progress,
+) -> list[R]:  # fmt: skip
+    """Results of the tasks. Raises as `give_up`."""
+    found: dict[int, R] = {}
+    progress(0, len(tasks))
+    numbered = results(
+        partial(_numbered, work), list(enumerate(tasks)), workers, partial(give_up, detector)
+    )
+    for done, (number, result) in enumerate(numbered, 1):
+        found[number] = result
+        progress(done, len(tasks))
+    return [found[number] for number in range(len(tasks))]
+
+
+def _numbered(work: Callable[[T], R], task: tuple[int, T]) -> tuple[int, R]:
+    return task[0], work(task[1])
 
 
 def give_up(detector: str, silent_s: float) -> None:
@@ -107,21 +124,15 @@ def give_up(detector: str, silent_s: float) -> None:
 
 
 def stream_files(
-    config: TrialConfig, files: dict[str, list[Path]], workers: Workers,
-    progress: Callable[[int, int], None],
-) -> dict[str, list[Streamed]]:  # fmt: skip
+    config: TrialConfig, files: dict[str, list[Path]], workers: Workers, progress: Progress
+) -> dict[str, list[Streamed]]:
     """The detector's output on every recording, by set."""
-    tasks = [_Task(config, str(path)) for paths in files.values() for path in paths]
-    found: dict[str, Floats] = {}
-    progress(0, len(tasks))
-    quiet = partial(give_up, config.detector_label)
-    for done, (path, p) in enumerate(results(_probabilities, tasks, workers, quiet), 1):
-        found[path] = p
-        progress(done, len(tasks))
-    none = np.empty(0)
+    paths, none = [path for each in files.values() for path in each], np.empty(0)
+    work = partial(_probabilities, config)
+    outputs = iter(in_order(work, paths, config.detector_label, workers, progress))
     return {
-        name: [Streamed(read(path), found[str(path)], none) for path in paths]
-        for name, paths in files.items()
+        name: [Streamed(read(path), next(outputs), none) for path in each]
+        for name, each in files.items()
     }
 
 
