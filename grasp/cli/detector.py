@@ -80,8 +80,8 @@ def detector_evaluate(args: argparse.Namespace) -> int:
             made.config, trial_layers("can", "simulated", name, args.config, args.set)
         )
         sheet = made.evaluation()
-        digest = made.config.detector_hash()
-        value = {**msgspec.structs.asdict(sheet), "digest": digest, "warnings": warnings}
+        known = {"detector_hash": made.config.detector_hash(), "warnings": warnings}
+        value = msgspec.structs.asdict(sheet) | known
         show(args, value, scores_text(sheet, made.config.rule))
         if args.out is not None:
             kept.append(evaluated(made, sheet))

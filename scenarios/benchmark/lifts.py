@@ -110,7 +110,7 @@ def _slips(truth: Truth) -> bool:
     return turns or abs(truth.slip_speed_mps) > GROSS_SLIP_MPS
 
 
-class Listened:
+class RepeatableDetector:
     """A detector whose inputs and outputs are kept, to repeat them without a simulation."""
 
     def __init__(self, detector: SlipDetector) -> None:
@@ -118,23 +118,23 @@ class Listened:
         self.name, self.threshold, self.memory = (
             detector.name, detector.threshold, detector.memory
         )  # fmt: skip
-        self._heard: list[tuple[NDArray[np.int16], NDArray[np.float64]] | None] = []
+        self._calls: list[tuple[NDArray[np.int16], NDArray[np.float64]] | None] = []
 
     def reset(self) -> None:
-        self._heard.append(None)
+        self._calls.append(None)
         self._detector.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         output = self._detector.update(counts)
-        self._heard.append((counts.copy(), output.copy()))
+        self._calls.append((counts.copy(), output.copy()))
         return output
 
     def repeats(self, fresh: SlipDetector) -> bool:
         """Whether another instance gives the same outputs for the same counts."""
-        for heard in self._heard:
-            if heard is None:
+        for call in self._calls:
+            if call is None:
                 fresh.reset()
-            elif not np.array_equal(fresh.update(heard[0]), heard[1], equal_nan=True):
+            elif not np.array_equal(fresh.update(call[0]), call[1], equal_nan=True):
                 return False
         return True
 
@@ -158,15 +158,15 @@ def run_lift(task: LiftTask) -> LiftRow:
             forces.append(truth.normal_n[0])
 
     with open_rig(config.built_for(task.seed), task.seed, paced=False) as rig:
-        detector: Oracle | Listened
+        detector: Oracle | RepeatableDetector
         if task.oracle_s is not None:
             detector = Oracle(rig, round(task.oracle_s / config.loop.period_s))
         else:
-            detector = Listened(config.make_detector(FINGERS))
+            detector = RepeatableDetector(config.make_detector(FINGERS))
         trial = run_trial(config, rig, make_guard(config), watch, detector=detector)
     result = lift.judge(config, task.seed, trial, None)
     cause = verdict(result, grip, is_fragile(number), max(forces, default=0.0))
-    honest = not (task.checked and isinstance(detector, Listened)) or detector.repeats(
+    honest = not (task.checked and isinstance(detector, RepeatableDetector)) or detector.repeats(
         config.make_detector(FINGERS)
     )
     end = trial.trace.end

@@ -77,7 +77,7 @@ class Benchmark(msgspec.Struct, frozen=True):
         )
         figures = streams.score_streams(sets, rule, threshold)
         return DetectorScores(
-            detector=name, digest=config.detector_hash(), rule=rule,
+            detector=name, detector_hash=config.detector_hash(), rule=rule,
             figures=figures | lift_figures(own.lifts) | tap_figures(own.taps),
             point=point(own), curve=sorted(map(point, others), key=lambda p: p.threshold),
             causes=causes_of(own.lifts), real=self._real(config),

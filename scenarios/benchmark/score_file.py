@@ -75,7 +75,7 @@ class DetectorScores(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
     """All scores of one detector with one rule, except its cost."""
 
     detector: str
-    digest: str  # see `TrialConfig.detector_hash`
+    detector_hash: str  # see `TrialConfig.detector_hash`
     rule: RuleSettings
     figures: dict[str, Figure]  # by measure: `scenarios.report.score_page` has their meaning
     # of the benchmark

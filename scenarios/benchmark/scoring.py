@@ -59,10 +59,6 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         word = self.config.detector_name
         return word if is_plugin_file(word) or is_weights(word) else self.detector.name
 
-    def points(self, progress: Progress = lambda done, total: None) -> list[SweepPoint]:
-        """Points of all rules and thresholds of the sweep."""
-        return sweep(self.streams, _with_progress(list(rules(self.config.rule)), progress))
-
 
 def read_split(
     folders: Sequence[Path],
@@ -111,7 +107,8 @@ def tune_rule(
     contender: Contender, budget_per_min: float, progress: Progress = lambda done, total: None
 ) -> SweepPoint | None:
     """Fastest rule within a budget of false alarms a minute of a hand; None without one."""
-    points = contender.points(progress)
+    candidates = _with_progress(list(rules(contender.config.rule)), progress)
+    points = sweep(contender.streams, candidates)
     points += sweep(contender.streams, thresholds_at_budget(points, budget_per_min))
     return best(points, budget_per_min)
 

@@ -21,7 +21,7 @@ def evaluated(contender: Contender, evaluation: Evaluation) -> DetectorScores:
     slips = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(slips, key=lambda each: _badness(each[1]), reverse=True)[:MAX_TRACES]
     return DetectorScores(
-        detector=contender.label, digest=contender.config.detector_hash(), rule=rule,
+        detector=contender.label, detector_hash=contender.config.detector_hash(), rule=rule,
         figures=evaluation.figures, slips=[slip for _, slip in slips],
         worst=[trace(s, slip, rule) for s, slip in worst],
     )  # fmt: skip

@@ -297,7 +297,7 @@ def _real(every: Sequence[DetectorScores]) -> Section:
 
 
 def _hashes(file: ScoreFile) -> str:
-    hashes = ", ".join(f"{each.detector} {each.digest}" for each in file.detectors)
+    hashes = ", ".join(f"{each.detector} {each.detector_hash}" for each in file.detectors)
     return f"Hashes of weights or formula, and rule: {hashes}."
 
 

@@ -49,7 +49,7 @@ def test_an_evaluation_states_its_weights_and_rule(
 
     def hashed(name: str, *more: str) -> object:
         words = ["detector", "evaluate", name, "--data", str(data), "--json"]
-        return results(capsys, *words, *more)[0]["digest"]
+        return results(capsys, *words, *more)[0]["detector_hash"]
 
     weights = tmp_path / "other.onnx"
     weights.write_bytes(weights_path("gru").read_bytes())
