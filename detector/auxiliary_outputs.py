@@ -19,12 +19,12 @@ from drivers.errors import BadFile, UsageError
 
 SECTORS = 8  # directions that are distinguished
 SECTOR_DEG = 360 // SECTORS
-SUFFIX = ".auxiliary.json"
+OUTPUTS_SUFFIX = ".auxiliary.json"
 CHANGES_STATE = "state1"  # latest changes of the counts, newest last
 HIDDEN_STATE = "state0"  # hidden state of a recurrent network
 FEATURES_STATE = "state2"  # of a gated tcn: sum of the outputs of all blocks, newest last
 FEATURE_SAMPLES = 14  # samples in FEATURES_STATE
-MAX_FILE_BYTES = 500_000  # the packaged files have a thirtieth of it
+MOST_FILE_BYTES = 500_000  # the packaged files have a thirtieth of it
 OUTPUTS = 2 + SECTORS  # logarithm of the speed, log-odds of turning, scores of the directions
 ENERGY_SAMPLES, MIN_ENERGY = 10, 0.1  # counts a sample: a tenth of the energy of a taxel at rest
 COUNTS_SCALE = 130.0
@@ -117,7 +117,7 @@ def selu(x: Float32s) -> Float32s:
 
 def outputs_path(weights: Path) -> Path:
     """Path of the auxiliary outputs of a weights file."""
-    return weights.with_name(weights.stem + SUFFIX)
+    return weights.with_name(weights.stem + OUTPUTS_SUFFIX)
 
 
 def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> AuxiliaryOutputs | None:
@@ -129,7 +129,7 @@ def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> Auxiliary
         return None
     try:
         with path.open("rb") as opened:
-            file = msgspec.json.decode(opened.read(MAX_FILE_BYTES), type=OutputsFile)
+            file = msgspec.json.decode(opened.read(MOST_FILE_BYTES), type=OutputsFile)
         outputs = AuxiliaryOutputs(file)
     except (OSError, ValueError, RecursionError) as error:  # ValueError: also ragged layers
         raise BadFile(path, f"holds no auxiliary outputs: {error}", remedy) from None

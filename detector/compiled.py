@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from detector.onnx_file import Graph, read_graph
+from drivers.errors import describe_exception
 from drivers.numba_cache import compiled
 
 Float32s = NDArray[np.float32]
@@ -115,6 +116,11 @@ def execute(program, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
                     m[o + j] = asinh(m[a + j])
 
 
+class UnsupportedGraph(RuntimeError):
+    """A graph with another operator than the packaged networks, or so large that ONNX Runtime is
+    faster."""
+
+
 class CompiledNetwork:
     """A network for a number of fingers. ``run`` computes ``probability`` from ``inputs``, and
     makes the next state and the previous counts of it the inputs."""
@@ -122,7 +128,7 @@ class CompiledNetwork:
     name = "compiled"
 
     def __init__(self, content: bytes, inputs: Mapping[str, tuple[int, ...]], fingers: int) -> None:
-        """Raises an exception for a file with other operators."""
+        """Raises UnsupportedGraph."""
         made = _translated(content, tuple(inputs.items()), fingers)
         self._program, self._memory = made.program, made.memory.copy()
         execute(self._program[:0], self._memory)  # compiles it, or raises
@@ -142,7 +148,10 @@ def _translated(
     content: bytes, inputs: tuple[tuple[str, tuple[int, ...]], ...], fingers: int
 ) -> "_Translation":
     shapes = {name: (fingers, *shape) for name, shape in inputs}
-    return _Translation(read_graph(content), shapes)
+    try:
+        return _Translation(read_graph(content), shapes)
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        raise UnsupportedGraph(describe_exception(error)) from error
 
 
 class _Translation:

@@ -1,6 +1,5 @@
 """Networks at run time: compiled, or in ONNX Runtime, all fingertips in one call."""
 
-from contextlib import suppress
 from typing import Annotated, Any, Protocol
 
 import msgspec
@@ -13,7 +12,9 @@ from detector.interface import Motion
 from detector.network_file import (
     LoadedNetwork,
     check_layout,
+    compiled_network,
     is_weights,
+    log_runtime,
     packaged_networks,
     read_network,
     weights_digest,
@@ -78,17 +79,15 @@ def _buffer(array: Float32s) -> tuple[Any, ...]:
 
 
 def engine_of(loaded: LoadedNetwork, fingers: int) -> Engine:
-    """The compiled network, or ONNX Runtime if it cannot be compiled: no folder for the compiler's
-    cache, an operator that no packaged network has, or so large a network that ONNX Runtime is
-    faster. A file that is not packaged is also compared with ONNX Runtime."""
-    with suppress(Exception):
-        # the first import compiles it
-        from detector.compiled import CompiledNetwork  # noqa: PLC0415
-
-        compiled = CompiledNetwork(loaded.content, loaded.inputs, fingers)
-        if loaded.packaged or _equal(compiled, RuntimeNetwork(loaded, fingers)):
-            return compiled
-    return RuntimeNetwork(loaded, fingers)
+    """The compiled network, or ONNX Runtime if it cannot be compiled (`compiled_network`). A file
+    that is not packaged is also compared with ONNX Runtime."""
+    compiled: Engine | None = compiled_network(loaded, fingers)
+    if compiled is None:
+        return RuntimeNetwork(loaded, fingers)
+    if loaded.packaged or _equal(compiled, runtime := RuntimeNetwork(loaded, fingers)):
+        return compiled
+    log_runtime(loaded.card.name, "compiled, it gives other outputs", warn=True)
+    return runtime
 
 
 def _equal(one: Engine, other: Engine) -> bool:

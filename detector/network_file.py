@@ -4,14 +4,14 @@ Nothing is unpickled. Card and shapes are checked before a graph is executed.
 """
 
 import hashlib
+import logging
 import math
 import os
 import re
 import resource
 import subprocess
 import sys
-from contextlib import suppress
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +26,7 @@ FORMAT = 2  # 1: without checksum
 READABLE_FORMATS = (1, FORMAT)
 NO_CHECKSUM = "0" * 64  # placeholder in the card while the checksum is computed
 CARD_KEY = "grasp"
-SUFFIX = ".onnx"
+WEIGHTS_SUFFIX = ".onnx"
 MAX_FILE_BYTES = 4_000_000  # the packaged files have a tenth of a megabyte
 # Key under which a tensor names an external file with its values (TensorProto.external_data)
 EXTERNAL_DATA_KEY = b"\x0a\x08location"
@@ -117,12 +117,12 @@ def check_layout(name: str, made_for: int, taxels: int) -> None:
 
 def is_weights(word: str) -> bool:
     """Whether a word is the path of a weights file, not a name."""
-    return word.endswith(SUFFIX)
+    return word.endswith(WEIGHTS_SUFFIX)
 
 
 def weights_path(weights: str) -> Path:
     """Path of the weights: a packaged network's name, or a path that ends in .onnx."""
-    return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{SUFFIX}"
+    return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{WEIGHTS_SUFFIX}"
 
 
 def packaged_networks() -> tuple[str, ...]:
@@ -165,21 +165,33 @@ def read_network(path: Path) -> LoadedNetwork:
         raise _bad(path, "damaged: its checksum does not match")
     if packaged:
         return loaded
-    if _compiles(loaded):
+    if compiled_network(loaded, FINGERS) is not None:  # it cannot run for long
         _test_runs(path, loaded)
     elif problem := problem_in_a_child(content, path.name):
         raise BadFile(path, *problem)
     return loaded
 
 
-def _compiles(loaded: LoadedNetwork) -> bool:
-    """Whether the operators are those of the packaged networks, which cannot run for long."""
-    with suppress(Exception):  # as in `engine_of`, which uses this translation again
+def compiled_network(loaded: LoadedNetwork, fingers: int) -> Any:
+    """The `CompiledNetwork` of a file. None, with a line in the log, without a folder for the
+    compiler's cache, and for an `UnsupportedGraph`."""
+    try:
+        # the first import compiles it
         from detector.compiled import CompiledNetwork  # noqa: PLC0415
 
-        CompiledNetwork(loaded.content, loaded.inputs, FINGERS)
-        return True
-    return False
+        return CompiledNetwork(loaded.content, loaded.inputs, fingers)
+    except (ImportError, OSError, RuntimeError) as error:
+        log_runtime(loaded.card.name, describe_exception(error), loaded.packaged)
+        return None
+
+
+@cache
+def log_runtime(network: str, reason: str, warn: bool) -> None:
+    """Log once why a network runs in ONNX Runtime, which needs more time."""
+    level = logging.WARNING if warn else logging.INFO
+    logging.getLogger(__name__).log(
+        level, "network %s runs in ONNX Runtime, not compiled: %s", network, reason
+    )
 
 
 @lru_cache(maxsize=8)

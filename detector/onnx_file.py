@@ -15,14 +15,14 @@ FLOAT = 1  # type of a tensor
 TYPES = {FLOAT: "<f4", 7: "<i8"}  # of numpy
 CONSTANT = "Constant"  # operator
 
-Shape = tuple[int | str, ...]  # a name: any length
+GraphShape = tuple[int | str, ...]  # a name: any length
 
 
-class Input(NamedTuple):
+class GraphInput(NamedTuple):
     """A tensor that the caller provides."""
 
     is_float: bool  # float32
-    shape: Shape
+    shape: GraphShape
 
 
 class Node(NamedTuple):
@@ -41,7 +41,7 @@ class Graph(NamedTuple):
     constants: dict[str, NDArray[Any]]
 
 
-def read_inputs(content: bytes) -> dict[str, Input]:
+def read_inputs(content: bytes) -> dict[str, GraphInput]:
     """Inputs of a file's graph, by name."""
     graph = _graph(content)
     constants = {_text(_fields(tensor)[8][0]) for tensor in graph.get(5, [])}
@@ -68,12 +68,12 @@ def _graph(content: bytes) -> dict[int, list[Any]]:
     return _fields(_fields(content)[7][0])
 
 
-def _input(message: bytes) -> tuple[str, Input]:
+def _input(message: bytes) -> tuple[str, GraphInput]:
     fields = _fields(message)
     tensor = _fields(_fields(fields[2][0])[1][0])
     lengths = map(_fields, _fields(tensor[2][0]).get(1, []))
     shape = tuple(each[1][0] if 1 in each else "any" for each in lengths)
-    return _text(fields[1][0]), Input(tensor[1][0] == FLOAT, shape)
+    return _text(fields[1][0]), GraphInput(tensor[1][0] == FLOAT, shape)
 
 
 def _node(message: bytes) -> Node:

@@ -3,7 +3,7 @@
 from detector.recordings import Recording
 from drivers.interfaces import FINGER_NAMES
 
-NOISE_COUNTS = 5  # of an unloaded taxel, at most
+MOST_NOISE_COUNTS = 5  # of an unloaded taxel, at most
 
 
 def suspicions(recording: Recording) -> list[str]:
@@ -11,7 +11,7 @@ def suspicions(recording: Recording) -> list[str]:
     counts = recording.counts
     flat = counts.reshape(len(counts), -1)
     found = []
-    if flat.min() > -NOISE_COUNTS and flat.max() > NOISE_COUNTS:
+    if flat.min() > -MOST_NOISE_COUNTS and flat.max() > MOST_NOISE_COUNTS:
         found.append(
             f"no count is below {flat.min()}, the largest is {flat.max()}: pressing must lower the "
             "counts. Rest is not subtracted, or the sign is opposite (`grasp dataset import` "

@@ -18,7 +18,7 @@ import numpy as np
 from drivers.robotiq.model.hand import HandSettings
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
-from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
+from scenarios.acquire.datasets.random_objects import random_object
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import SET_DOWN_EVERY
 from scenarios.lift.config import LiftConfig
@@ -115,9 +115,7 @@ def _scaled(body: GraspObject, rng: np.random.Generator) -> GraspObject:
 
 
 def _body(config: LiftConfig, rng: np.random.Generator) -> GraspObject:
-    shape = shape_ranges(SHAPES[int(rng.integers(len(SHAPES)))])
-    full_n = sum(config.guard.full_grip_n)
-    return random_object(shape, LOAD, config.contact, config.hand.m_per_count, full_n, rng)
+    return random_object(SHAPES[int(rng.integers(len(SHAPES)))], LOAD, config, rng)
 
 
 def trial(task: Task) -> Row:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from detector.energy import energy_series
 from detector.recordings import read
-from detector.scores.metrics import auc, edge_distance_ms
+from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile
 from drivers.interfaces import PERIOD_S
@@ -184,7 +184,7 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Fi
     out["share saturated"] = float(plateau.any(axis=1).mean())
     out["creep after a stop per s"] = _creep(t_s, loaded, slip)
     energy = energy_series(counts[:, None, :], ENERGY_SAMPLES)[ENERGY_SAMPLES:, 0]
-    labels, away = slip[ENERGY_SAMPLES:], edge_distance_ms(t_s, slip)[ENERGY_SAMPLES:]
+    labels, away = slip[ENERGY_SAMPLES:], _edge_distance_ms(t_s, slip)[ENERGY_SAMPLES:]
     edges = zip((0.0, *EDGES_MS[:-1]), (np.inf, *EDGES_MS[1:]), strict=True)
     names = ("AUC of energy", *(f"AUC from {low:g} ms" for low in EDGES_MS[:-1]))
     for name, (nearest, furthest) in zip(names, edges, strict=True):
@@ -192,6 +192,15 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Fi
         value = auc(energy[chosen], labels[chosen])
         out[name] = np.nan if value is None else value
     return out
+
+
+def _edge_distance_ms(t_s: Floats, labels: Bools) -> Floats:
+    """Time (n,), ms, to the nearest change of the label, midway between two samples."""
+    at = np.flatnonzero(labels[1:] != labels[:-1])
+    edges = np.concatenate([[-np.inf], (t_s[at] + t_s[at + 1]) / 2.0, [np.inf]])
+    after = np.searchsorted(edges, t_s)
+    nearest: Floats = np.minimum(t_s - edges[after - 1], edges[after] - t_s) * 1e3
+    return nearest
 
 
 def _rms(x: Floats) -> float:

@@ -16,13 +16,8 @@ from numpy.typing import NDArray
 from detector.energy import STEEPNESS
 from detector.loading import FORMULAS
 from detector.recordings import Recording
-from detector.scores.evaluation import (
-    HIGH,
-    LOW,
-    WARM_UP_SAMPLES,
-    hand_probability,
-    score_stream,
-)
+from detector.scores.evaluation import score_stream, scored_samples
+from detector.scores.figures import HIGH, LOW, samples_of
 from detector.scores.metrics import Confusion, confusion
 from detector.scores.quantiles import quantile, quantiles
 from drivers.errors import UsageError
@@ -177,12 +172,9 @@ def swept_threshold(made: Contender) -> str:
     section = made.config.detector_section
     settings = getattr(made.config, section)
     (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
-    p = np.concatenate(
-        [hand_probability(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams]
-    )
-    labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
-    thresholds, group = np.unique(p, return_inverse=True)
-    slip, static = (np.cumsum(np.bincount(group, of)) for of in (labels, ~labels))
+    samples = samples_of([scored_samples(s, made.config.rule) for s in made.streams])
+    thresholds, group = np.unique(samples.p, return_inverse=True)
+    slip, static = (np.cumsum(np.bincount(group, of)) for of in (samples.labels, ~samples.labels))
     recall = static / static[-1] - slip / slip[-1]
     border = float(thresholds[len(thresholds) - 1 - recall[::-1].argmax()])
     odds = border / (1.0 - border)
@@ -192,7 +184,7 @@ def swept_threshold(made: Contender) -> str:
 def counted(made: Contender) -> list[Counts]:
     found, rule = [], made.config.rule
     for s in made.streams:
-        p, labels = hand_probability(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
+        p, labels = scored_samples(s, rule)
         c = confusion(p > made.detector.threshold, labels)
         outcomes = score_stream(s, rule).events
         cells = (c.static_static, c.static_slip, c.slip_static, c.slip_slip)

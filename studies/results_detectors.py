@@ -9,21 +9,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from detector.scores.evaluation import (
-    HAND_FINGERS,
-    WARM_UP_SAMPLES,
-    Streamed,
-    hand_probability,
-    recording_intervals,
-    score_stream,
-)
+from detector.scores.evaluation import WARM_UP_SAMPLES, score_stream, scored_samples
 from detector.scores.events import EventOutcomes
-from detector.scores.quantiles import quantile, quantiles
+from detector.scores.figures import Figure, figure, samples_of
+from detector.scores.quantiles import quantiles
 from drivers.errors import GraspError
 from drivers.interfaces import FINGERS
 from grasp.cli import main as cli
-from grasp.cli.benchmark import FILE
-from scenarios.benchmark.run import read_benchmark
+from scenarios.benchmark.score_file import BENCHMARK, read_scores
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
@@ -31,7 +24,7 @@ from studies.paper_tables import PAPER_METHODS
 from studies.results_page import ACCURACY, AT_BEST, Made, Row, between, median, percent
 from studies.results_run import Run
 
-Z, RESAMPLES = 1.96, 300
+Z = 1.96
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -45,10 +38,9 @@ class Task(msgspec.Struct, frozen=True):
         return contender(self.detector, read_split([Path(folder)], "all"), "all")
 
 
-def alarms(item: str, made: Contender, judged: Sequence[EventOutcomes]) -> Row:
+def alarms(item: str, judged: Sequence[EventOutcomes]) -> Row:
     """False alarms a minute of a hand, with a Poisson interval (Byar's approximation)."""
-    n, fingers = sum(j.false for j in judged), [s.recording.fingers for s in made.streams]
-    seconds = sum(j.static_s * f / HAND_FINGERS for j, f in zip(judged, fingers, strict=True))
+    n, seconds = sum(j.false for j in judged), sum(j.hand_s for j in judged)
     ends = (k * (1 - 1 / (9 * k) + sign * Z / (3 * math.sqrt(k))) ** 3 if k else 0.0
             for k, sign in ((n, -1), (n + 1, 1)))  # fmt: skip
     return between(item, "false alarms a minute", n, ends, n, 60.0 / seconds)
@@ -72,35 +64,30 @@ def score(task: Task) -> tuple[str, list[Row]]:
     name, made = task.detector, task.streamed(task.test)
     sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
     judged = [score_stream(s, rule).events for s in streams]
-    parts = [scored(s, made) for s in streams]
-    border = best_threshold([scored(s, made) for s in task.streamed(task.thresholds).streams])
-    right = np.concatenate([(p > border) == slip for p, slip in parts])
+    samples, n = samples_of([scored_samples(s, rule) for s in streams]), sheet.confusion.n
+    others = task.streamed(task.thresholds).streams
+    at_best = samples.accuracy(best_threshold([scored_samples(s, rule) for s in others]))
     delays = [j.delays_ms for j in judged]
     every = np.concatenate(delays)
     rows = [
-        accuracy(name, sheet),
-        between(name, AT_BEST, float(right.mean()),
-                recording_intervals(parts, judged, border)["accuracy"], len(right), 100.0),
-        between(name, "AUC", sheet.auc, sheet.intervals["auc"], len(right)),
+        of_figure(name, ACCURACY, sheet.figures["accuracy"], n=n),
+        of_figure(name, AT_BEST, at_best, n=n),
+        of_figure(name, "AUC", sheet.figures["auc"], 1.0, n),
         median(name, "delay p50, ms", quantiles(every)),
         mean_delay(name, [d[np.isfinite(d)] for d in delays]),
         percent(name, "slips missed, %", int(np.isinf(every).sum()), len(every)),
-        alarms(name, made, judged),
+        alarms(name, judged),
     ]  # fmt: skip
     if name in PAPER_METHODS:
         rows.append(Row(name, "paper: accuracy, %", PAPER_METHODS[name][0]))
     return name, rows
 
 
-def scored(streamed: Streamed, made: Contender) -> tuple[Any, Any]:
-    """Probabilities and labels of the samples that count."""
-    p = hand_probability(streamed, made.config.rule)
-    return p[WARM_UP_SAMPLES:], streamed.labels[WARM_UP_SAMPLES:]
-
-
-def accuracy(name: str, sheet: Any) -> Row:
-    interval = sheet.intervals["accuracy"]
-    return between(name, ACCURACY, sheet.accuracy, interval, sheet.n_samples, 100.0)
+def of_figure(
+    item: str, measure: str, f: Figure, factor: float = 100.0, n: int | None = None
+) -> Row:
+    value, low, high = (None if x is None else factor * x for x in (f.value, f.low, f.high))
+    return Row(item, measure, value, low, high, n)
 
 
 def best_threshold(parts: Sequence[tuple[Any, Any]]) -> float:
@@ -113,15 +100,13 @@ def best_threshold(parts: Sequence[tuple[Any, Any]]) -> float:
 
 def mean_delay(name: str, delays: Sequence[Any]) -> Row:
     """Mean delay of registered slips; the interval resamples recordings."""
-    rng, every = np.random.default_rng(0), np.concatenate(delays)
-    drawn = [np.concatenate([delays[i] for i in rng.integers(0, len(delays), len(delays))])
-             for _ in range(RESAMPLES)]  # fmt: skip
-    measure = "mean delay of registered slips, ms"
-    if not len(every):
-        return Row(name, measure, None)
-    means = sorted(float(d.mean()) for d in drawn if len(d))
-    ends = (quantile(means, 0.025), quantile(means, 0.975))
-    return between(name, measure, float(every.mean()), ends, len(every))
+
+    def mean(chosen: Sequence[Any]) -> float | None:
+        every = np.concatenate(chosen)
+        return float(every.mean()) if len(every) else None
+
+    measure, n = "mean delay of registered slips, ms", sum(map(len, delays))
+    return of_figure(name, measure, figure(mean, delays), 1.0, n or None)
 
 
 def update_cost(name: str, updates: int = 3000) -> Row:
@@ -139,22 +124,22 @@ def update_cost(name: str, updates: int = 3000) -> Row:
 def benchmark(run: Run) -> Made:
     """`grasp benchmark` of all detectors on the split `test`."""
     real = ("--recording", str(run.real)) if run.real else ()
-    (run.folder / FILE).unlink(missing_ok=True)  # maybe of another version
+    (run.folder / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
     words = ("benchmark", *run.settings.detectors, "--out", str(run.folder), *real)
     if cli.main([*words, "--jobs", str(run.jobs)]):
         raise GraspError("the benchmark did not finish", "its message is above")
-    file, costs = read_benchmark(run.folder / FILE)
+    file, costs = read_scores(run.folder / BENCHMARK)
     rows = []
     for each in file.detectors:
-        p, s, lasting = each.point, each.streams, each.streams.sustained
+        (p,), s = each.own, each.figures
         for measure, f, factor in (
             ("right, %", p.right, 100.0), ("lifts right, %", p.lifts_right, 100.0),
-            ("taps right, %", p.taps_right, 100.0), ("lasting slip reported, %", lasting, 100.0),
-            ("false alarms a minute", s.false_per_min, 1.0), ("AUC", s.auc, 1.0),
+            ("taps right, %", p.taps_right, 100.0),
+            ("lasting slip reported, %", s["sustained"], 100.0),
+            ("false alarms a minute", s["false_per_min"], 1.0), ("AUC", s["auc"], 1.0),
             *((f"AUC, {name}", f, 1.0) for name, f in each.real.items()),
         ):  # fmt: skip
-            value, low, high = (None if x is None else factor * x for x in (f.value, f.low, f.high))
-            rows.append(Row(each.detector, measure, value, low, high))
+            rows.append(of_figure(each.detector, measure, f, factor))
         p50, p90 = (math.inf if d is None else d for d in (p.delay_p50_ms, p.delay_p90_ms))
         rows.append(Row(each.detector, "delay p50, ms", p50, None, p90))
         rows.append(Row(each.detector, "update, µs", costs[each.detector].update_us))

@@ -14,9 +14,9 @@ import msgspec
 
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
-from scenarios.benchmark.run import BenchmarkFile, Cost
+from scenarios.benchmark.score_file import Cost, ScoreFile
 from scenarios.campaign.summary import wilson
-from scenarios.report.benchmark_chart import draw_benchmark
+from scenarios.report.score_chart import draw_scores
 from studies import difficulty_sweep, physics_levels
 from studies.runner import Study, draw, markdown
 
@@ -237,7 +237,7 @@ def spread(row: Row) -> str:
 class Scored(msgspec.Struct, frozen=True):
     """What the chart of the benchmark needs."""
 
-    file: BenchmarkFile
+    file: ScoreFile
     costs: dict[str, Cost]
 
 
@@ -248,7 +248,7 @@ def charts(kept: Kept) -> None:
     )
     if scores.exists():
         scored = msgspec.json.decode(scores.read_bytes(), type=Scored)
-        draw_benchmark(scored.file, scored.costs, kept.figures / "benchmark.svg")
+        draw_scores(scored.file, scored.costs, kept.figures / "benchmark.svg")
     if points.exists():
         costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])
         _draw(physics_levels.chart, costs, kept.figures / "contact.svg", (11.0, 5.5))

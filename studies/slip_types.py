@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from detector.auxiliary_outputs import (
     ENERGY_SAMPLES,
     MIN_ENERGY,
+    OUTPUTS_SUFFIX,
     SECTORS,
-    SUFFIX,
     AuxiliaryOutputs,
     Float32s,
     OutputsFile,
@@ -30,7 +30,7 @@ from detector.auxiliary_outputs import (
 from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
 from detector.recordings import Recording
-from detector.scores.evaluation import HIGH, LOW, RESAMPLES_OF_A_SET
+from detector.scores.figures import HIGH, LOW, RESAMPLES
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
@@ -134,7 +134,7 @@ def trial(task: Task) -> Row:
         kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(NETWORK)
                 for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
         content = msgspec.json.encode(msgspec.structs.replace(outputs.file, scores=kept))
-        write_whole(Path(task.out) / f"{weights.stem}{SUFFIX}", content)
+        write_whole(Path(task.out) / f"{weights.stem}{OUTPUTS_SUFFIX}", content)
     return Row(weights.stem, scores)
 
 
@@ -257,7 +257,7 @@ def score(guess: Guess, truth: Samples) -> tuple[Figure | None, ...]:
     of = [np.flatnonzero(truth.recording == r) for r in np.unique(truth.recording)]
     resamples = [
         figures_of(guess, truth, np.concatenate([of[k] for k in rng.integers(0, len(of), len(of))]))
-        for _ in range(RESAMPLES_OF_A_SET)
+        for _ in range(RESAMPLES)
     ]
     found: list[Figure | None] = []
     for i, value in enumerate(figures_of(guess, truth, np.arange(len(truth.recording)))):

@@ -1,8 +1,4 @@
-"""Evaluation of a detector and a decision rule on labelled recordings.
-
-Intervals are 95 % bootstrap intervals. Samples of one stroke are not independent, so resampling
-takes whole recordings of a data set, or whole strokes and pauses of a single recording.
-"""
+"""Evaluation of a detector and a decision rule on labelled recordings."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -11,65 +7,43 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import RuleSettings, mean_probability, registered_events
+from detector.decision import RuleSettings, fused, registered_events
 from detector.interface import SlipDetector
 from detector.recordings import LabelName, Recording
 from detector.scores.events import (
     EARLY_S,
-    EventMetrics,
     EventOutcomes,
     Events,
     Slips,
-    pooled,
+    event_figures,
+    false_rate,
     score_events,
     slips_of,
 )
+from detector.scores.figures import Figure, figure, quantile_figures, samples_of
 from detector.scores.impacts import Impact, ImpactScore, impact_delays, impact_score, impacts_of
-from detector.scores.metrics import (
-    Confusion,
-    Floats,
-    Labels,
-    Ranking,
-    auc,
-    calibration_error,
-    confusion,
-)
-from detector.scores.quantiles import Quantiles, quantile, quantiles
+from detector.scores.metrics import Confusion, Floats, Labels, calibration_error, confusion
 from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: earlier samples are not scored
-HAND_FINGERS = 3
 # The pad shears before the contact slides, and an object moves before its displacement reaches
 # the label's bound: an event in this time before the label is early, not false.
 PRE_SLIDING_S = 0.3
-Interval = tuple[float, float]
-LOW, HIGH = 0.025, 0.975
-RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
 SLIDE = "slide"  # cause of recordings of the paper's kind, which have none
 
 
-class Evaluation(EventMetrics, frozen=True, kw_only=True):
-    """Metrics of events and samples, and computing time; None where undefined."""
+class Evaluation(msgspec.Struct, frozen=True):
+    """Figures by name of a detector with a rule on recordings; see `evaluate_streams`."""
 
     detector: str
     data: str
-    label: str
-    n_samples: int
-    accuracy: float
-    weighted_precision: float
-    weighted_f1: float
-    slip_f1: float
-    balanced_accuracy: float | None
-    auc: float | None
-    false_events_per_min_by_cause: dict[str, float]
-    false_events_per_min_hand: float | None  # scaled to three fingers
-    ece: float
-    compute_us: Quantiles | None  # one update of all fingers; None without a clock
-    intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
-    threshold: float  # on the probability, for the metrics of samples
-    impacts: ImpactScore | None
+    label: LabelName
+    figures: dict[str, Figure]
     confusion: Confusion
-    recordings: int
+
+    def __getitem__(self, name: str) -> float | None:
+        """Value of a figure."""
+        return self.figures[name].value
 
 
 class Streamed(msgspec.Struct, frozen=True, eq=False):
@@ -153,7 +127,7 @@ def scoring_reference(streamed: Streamed, exclude_impacts: bool = False) -> Scor
     slips = slips_of(
         streamed.labels, recording.t_s, first_sample=WARM_UP_SAMPLES, excluded=in_impact,
         early_s=EARLY_S if streamed.label == "slip" else PRE_SLIDING_S,
-        speed_mps=None if speed is None else speed.astype(np.float64),
+        speed_mps=None if speed is None else speed.astype(np.float64), fingers=recording.fingers,
     )  # fmt: skip
     counted = [impact for impact in impacts if impact.start >= WARM_UP_SAMPLES]
     moved_m, weak = [impact.moved_m for impact in counted], [impact.weak for impact in counted]
@@ -165,8 +139,8 @@ def score_stream(s: Streamed, rule: RuleSettings, exclude_impacts: bool = False)
     return scoring_reference(s, exclude_impacts).score(registered_events(s.probabilities, rule))
 
 
-# attributes of Confusion that are fields of Evaluation
-OF_SAMPLES = ("accuracy", "weighted_precision", "weighted_f1", "slip_f1", "balanced_accuracy")
+# attributes of Confusion that are figures
+OF_SAMPLES = ("balanced_accuracy", "weighted_precision", "weighted_f1", "slip_f1")
 
 
 def evaluate_streams(
@@ -184,39 +158,35 @@ def evaluate_streams(
             raise BadFile(recording.source, f"has {len(recording.t_s)} samples", remedy)
     scores = [score_stream(s, rule) for s in streams]
     outcomes = [each.events for each in scores]
+    samples = samples_of([scored_samples(s, rule) for s in streams])
+    cells = confusion(samples.p > detector.threshold, samples.labels)
+    impacts = score_impacts(scores)
+    figures = {
+        "recordings": Figure(len(streams)),
+        "samples": Figure(cells.n),
+        "threshold": Figure(detector.threshold),
+        "auc": samples.auc(),
+        "accuracy": samples.accuracy(detector.threshold),
+        **{name: Figure(getattr(cells, name)) for name in OF_SAMPLES},
+        "ece": Figure(calibration_error(samples.p, samples.labels)),
+        **event_figures(outcomes),
+        **_by_cause(streams, outcomes),
+        **quantile_figures("update", "us", np.concatenate([s.spent_us for s in streams])),
+        **({} if impacts is None else impacts.figures()),
+    }
+    return Evaluation(detector.name, data, streams[0].label, figures, cells)
+
+
+def scored_samples(streamed: Streamed, rule: RuleSettings) -> tuple[Floats, Labels]:
+    """Probabilities and labels of the samples that count."""
     after = slice(WARM_UP_SAMPLES, None)
-    parts = [(hand_probability(s, rule)[after], s.labels[after]) for s in streams]
-    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
-    cells = confusion(p > detector.threshold, labels)
-    if len(streams) == 1:
-        intervals = stroke_intervals(p, labels, detector.threshold)
-    else:
-        intervals = recording_intervals(parts, outcomes, detector.threshold)
-    return Evaluation(
-        **msgspec.structs.asdict(pooled(outcomes)),
-        detector=detector.name,
-        data=data,
-        label=streams[0].label,
-        n_samples=cells.n,
-        **{name: getattr(cells, name) for name in OF_SAMPLES},
-        auc=auc(p, labels),
-        false_events_per_min_by_cause=_by_cause(streams, outcomes),
-        false_events_per_min_hand=hand_rate(streams, outcomes),
-        ece=calibration_error(p, labels),
-        compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
-        intervals=intervals,
-        threshold=detector.threshold,
-        impacts=score_impacts(scores),
-        confusion=cells,
-        recordings=len(streams),
-    )
+    return hand_probability(streamed, rule)[after], streamed.labels[after]
 
 
 def hand_probability(streamed: Streamed, rule: RuleSettings) -> Floats:
     """Probability (n,) of a hand: by the rule's fusion, the maximum or the mean log-odds."""
-    p = streamed.probabilities
-    one: Floats = mean_probability(p)[:, 0] if rule.fusion == "mean" else p.max(axis=1)
-    return one
+    highest: Floats = fused(streamed.probabilities, rule).max(axis=1)
+    return highest
 
 
 def evaluate_recording(
@@ -241,90 +211,9 @@ def cause_of(recording: Recording) -> str:
     return (recording.metadata.cause if recording.metadata else "") or SLIDE
 
 
-def hand_rate(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> float | None:
-    """False alarms a minute of a hand of three fingers; one finger counts as a third of a hand."""
-    hand_s = sum(
-        o.static_s * s.recording.fingers / HAND_FINGERS
-        for s, o in zip(streams, outcomes, strict=True)
-    )
-    return sum(o.false for o in outcomes) / hand_s * 60.0 if hand_s > 0.0 else None
-
-
-def _by_cause(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> dict[str, float]:
+def _by_cause(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> dict[str, Figure]:
     of_cause: dict[str, list[EventOutcomes]] = {}
     for s, o in zip(streams, outcomes, strict=True):
         of_cause.setdefault(cause_of(s.recording), []).append(o)
-    rates = {cause: pooled(each).false_events_per_min for cause, each in sorted(of_cause.items())}
-    return {cause: rate for cause, rate in rates.items() if rate is not None}
-
-
-def stroke_intervals(
-    probabilities: Floats, labels: Labels, threshold: float, seed: int = 0
-) -> dict[str, Interval]:
-    """Intervals of AUC and accuracy of one recording; empty for fewer than 2 strokes or pauses."""
-    block = np.concatenate([[0], np.cumsum(labels[1:] != labels[:-1])])
-    is_slip = labels[np.unique(block, return_index=True)[1]]
-    strokes, pauses = np.flatnonzero(is_slip), np.flatnonzero(~is_slip)
-    if min(len(strokes), len(pauses)) < 2:
-        return {}
-    rng = np.random.default_rng(seed)
-    resamples = [
-        np.concatenate([rng.choice(kind, len(kind)) for kind in (strokes, pauses)])
-        for _ in range(RESAMPLES_OF_A_RECORDING)
-    ]
-    return _of_samples(probabilities, labels, threshold, block, resamples)
-
-
-def recording_intervals(
-    parts: Sequence[tuple[Floats, Labels]], outcomes: Sequence[EventOutcomes], threshold: float
-) -> dict[str, Interval]:
-    """Intervals of AUC, accuracy, recall, false alarms a minute and median delay."""
-    rng = np.random.default_rng(0)
-    resamples = [rng.integers(0, len(parts), len(parts)) for _ in range(RESAMPLES_OF_A_SET)]
-    block = np.repeat(np.arange(len(parts)), [len(labels) for _, labels in parts])
-    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
-    intervals = _of_samples(p, labels, threshold, block, resamples)
-    false, missed, slips, static_s = (
-        np.array([f(o) for o in outcomes], np.float64)
-        for f in (
-            lambda o: o.false, lambda o: o.missed, lambda o: len(o.delays_ms), lambda o: o.static_s,
-        )
-    )  # fmt: skip
-    if static_s.all():
-        rates = [60.0 * false[r].sum() / static_s[r].sum() for r in resamples]
-        intervals["false_events_per_min"] = _interval(rates)
-    if slips.all():
-        recalls = [1 - missed[r].sum() / slips[r].sum() for r in resamples]
-        intervals["event_recall"] = _interval(recalls)
-    if slips.any():
-        delays = [np.concatenate([outcomes[i].delays_ms for i in r]) for r in resamples]
-        intervals["delay_ms_p50"] = _interval([quantile(np.sort(d), 0.5) for d in delays if len(d)])
-    return intervals
-
-
-def _of_samples(
-    probabilities: Floats,
-    labels: Labels,
-    threshold: float,
-    block: NDArray[np.intp],
-    resamples: Sequence[NDArray[np.intp]],
-) -> dict[str, Interval]:
-    """Intervals of AUC and accuracy over resamples of blocks of samples."""
-    blocks = int(block[-1]) + 1
-    correct = np.bincount(block, (probabilities > threshold) == labels)
-    size = np.bincount(block)
-    ranking = Ranking(probabilities, labels)
-    accuracies, areas = [], []
-    for resample in resamples:
-        times = np.bincount(resample, minlength=blocks).astype(np.float64)
-        accuracies.append(float((correct * times).sum() / (size * times).sum()))
-        area = ranking.auc(times[block])
-        if area is not None:
-            areas.append(area)
-    intervals = {"accuracy": _interval(accuracies)}
-    return intervals | ({"auc": _interval(areas)} if areas else {})
-
-
-def _interval(values: Sequence[float]) -> Interval:
-    ordered = sorted(values)
-    return quantile(ordered, LOW), quantile(ordered, HIGH)
+    return {f"false_per_min, {cause}": figure(false_rate, of_cause[cause])
+            for cause in sorted(of_cause)}  # fmt: skip

@@ -6,16 +6,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import Recording
+from detector.recordings import MOVED_M, Recording
 from detector.scores.events import Events
+from detector.scores.figures import Figure
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import Quantiles, quantiles
 
 KINDS = frozenset({"near", "mallet", "weak", "elastic"})
 WEAK = "weak"  # 5 to 70 % of the impulse that moves the object; most have no effect
-MOVED_M = 0.001  # lasting displacement from which a detector has to register an impact
-UNMOVED_M = 0.0005  # lasting displacement below which it must not
-FAR_M = 0.002  # lasting displacement from which it should register an impact
+UNMOVED_M = 0.0005  # lasting displacement below which a detector must not register an impact
+FAR_M = 0.002  # and from which it should; from MOVED_M on it is counted as moved
 SOON_MS = 100.0  # within this time
 WATCHED_S = 0.5  # an event this long after an impact, before the next disturbance, belongs to it
 MOTION_S = 0.1  # the motion that an impact causes starts within this time
@@ -63,6 +63,14 @@ class ImpactScore(msgspec.Struct, frozen=True):
     unmoved_strong: int  # of `unmoved`, without the weak ones
     unmoved_strong_registered: int
     delay_ms: Quantiles | None  # of `moved`; infinite where missed
+
+    def figures(self) -> dict[str, Figure]:
+        """The numbers by name."""
+        numbers = msgspec.structs.asdict(self)
+        del numbers["delay_ms"]
+        p50_ms = None if self.delay_ms is None else self.delay_ms.p50
+        found = {f"impacts_{name}": Figure(number) for name, number in numbers.items()}
+        return found | {"impact_delay_p50_ms": Figure(p50_ms)}
 
 
 def impact_delays(registered: Events, impacts: Sequence[Impact], t_s: Floats) -> Floats:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from detector.decision import MAX_LOG_ODDS, RuleSettings, cusum, log_odds, mean_probability
 from detector.energy import SAMPLES_PER_MIN
+from detector.scores.figures import HIGH, LOW
+from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 
@@ -21,11 +23,10 @@ BLOCK = 100  # samples, one second; its maximum counts
 TAIL = 0.25  # share of the seconds that the tail is fitted to
 MIN_BLOCKS = 30
 CHUNK = 5  # consecutive blocks resampled together, because neighbours are correlated
-RESAMPLES, LOW, HIGH = 500, 0.025, 0.975
+RESAMPLES_OF_HOLDS = 500
 MARGIN_SAMPLES = 100  # excluded at either end of a hold
 END_SHARE = 0.5  # of the load of a hold, below which it has ended
 MIN_LOAD_COUNTS = 30.0  # of a hand, over all its taxels: less is not a hold
-Floats = NDArray[np.float64]
 
 
 class CalibratedRule(msgspec.Struct, frozen=True):
@@ -117,6 +118,6 @@ def _interval(maxima: Floats, budget_per_min: float) -> tuple[float, float]:
     starts, chunks = np.arange(max(1, len(maxima) - CHUNK + 1)), math.ceil(len(maxima) / CHUNK)
     levels = sorted(
         tail_level(np.concatenate([maxima[s : s + CHUNK] for s in each]), budget_per_min)
-        for each in (rng.choice(starts, chunks) for _ in range(RESAMPLES))
+        for each in (rng.choice(starts, chunks) for _ in range(RESAMPLES_OF_HOLDS))
     )
     return quantile(levels, LOW), quantile(levels, HIGH)

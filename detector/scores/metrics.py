@@ -104,12 +104,3 @@ def calibration_error(probabilities: Floats, labels: Labels) -> float:
 
 def _calibration_bins(probabilities: Floats) -> NDArray[np.intp]:
     return np.minimum((probabilities * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)
-
-
-def edge_distance_ms(t_s: Floats, labels: Labels) -> Floats:
-    """Time (n,), ms, to the nearest change of the label, midway between two samples."""
-    at = np.flatnonzero(labels[1:] != labels[:-1])
-    edges = np.concatenate([[-np.inf], (t_s[at] + t_s[at + 1]) / 2.0, [np.inf]])
-    after = np.searchsorted(edges, t_s)
-    nearest: Floats = np.minimum(t_s - edges[after - 1], edges[after] - t_s) * 1e3
-    return nearest

@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, events_of, fused
+from detector.recordings import MOVED_M
 from detector.scores import evaluation
-from detector.scores.evaluation import RecordingScore, Streamed, hand_rate, score_impacts
-from detector.scores.impacts import MOVED_M, ImpactScore
-from detector.scores.metrics import Floats
+from detector.scores.evaluation import RecordingScore, Streamed, score_impacts
+from detector.scores.events import all_delays_ms, false_rate, recall
+from detector.scores.impacts import ImpactScore
 from detector.scores.quantiles import quantile
 
 LOG_ODDS = np.linspace(-2.0, 7.0, 28)  # thresholds of the sweep
@@ -68,19 +69,15 @@ def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
 
 
-def sweep_point(
-    streams: Sequence[Streamed], rule: RuleSettings, scores: Sequence[RecordingScore]
-) -> SweepPoint | None:
-    """Point of one rule from its scores on the streams; None for data without slip or rest."""
+def sweep_point(rule: RuleSettings, scores: Sequence[RecordingScore]) -> SweepPoint | None:
+    """Point of one rule from its scores; None for data without slip or rest."""
     events = [s.events for s in scores]
-    delays: Floats = np.sort(np.concatenate([e.delays_ms for e in events]))
-    rate = hand_rate(streams, events)
-    if rate is None or not len(delays):
+    delays, rate, caught = np.sort(all_delays_ms(events)), false_rate(events), recall(events)
+    if rate is None or caught is None:
         return None
     p50, p90, p99 = (quantile(delays, share) for share in (0.5, 0.9, 0.99))
-    recall = float(np.isfinite(delays).mean())
     mean_ms, impacts = _mean_delay_ms(scores), score_impacts(scores)
-    return SweepPoint(rule, rate, p50, p90, p99, recall, mean_ms, impacts)
+    return SweepPoint(rule, rate, p50, p90, p99, caught, mean_ms, impacts)
 
 
 def _mean_delay_ms(scores: Sequence[RecordingScore]) -> float:
@@ -101,7 +98,7 @@ def sweep(streams: Sequence[Streamed], candidates: Iterable[RuleSettings]) -> li
         if rule.fusion != fusion:
             fusion, decide = rule.fusion, [fused(s.probabilities, rule) for s in streams]
         scores = [r.score(events_of(p, rule)) for r, p in zip(references, decide, strict=True)]
-        points.append(sweep_point(streams, rule, scores))
+        points.append(sweep_point(rule, scores))
     return [p for p in points if p is not None]
 
 
@@ -136,12 +133,3 @@ def thresholds_at_budget(points: Iterable[SweepPoint], budget_per_min: float) ->
                 ]
                 break
     return refined
-
-
-def pareto_front(points: Iterable[SweepPoint]) -> list[SweepPoint]:
-    """Pareto-optimal points in false alarms and median delay, fewest false alarms first."""
-    kept: list[SweepPoint] = []
-    for p in sorted(points, key=lambda p: (p.false_per_min, p.delay_ms)):
-        if not kept or p.delay_ms < kept[-1].delay_ms:
-            kept.append(p)
-    return kept

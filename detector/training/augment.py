@@ -5,7 +5,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Augmentation = Literal["none", "paper", "as-run", "ours"]
 
 HALF_TURN = 3
@@ -51,7 +51,7 @@ def modes(taxels: int) -> tuple[NDArray[np.float32], int]:
     return np.array(columns, np.float32).T, symmetric
 
 
-def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floats:
+def augment(counts: Float32s, how: Augmentation, rng: np.random.Generator) -> Float32s:
     """Augmented copy of a batch (batch, time, taxels) in counts."""
     if how == "paper":
         turned = _turn(counts, rng.integers(0, 4, size=len(counts)))
@@ -63,20 +63,20 @@ def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floa
     return _ours(counts, rng) if how == "ours" else counts.copy()
 
 
-def _turn(counts: Floats, which: Any) -> Floats:
-    turned: Floats = np.take_along_axis(
+def _turn(counts: Float32s, which: Any) -> Float32s:
+    turned: Float32s = np.take_along_axis(
         counts, symmetries(counts.shape[2])[which][:, None, :], axis=2
     )
     return turned
 
 
-def _noise(counts: Floats, std_counts: Any, rng: np.random.Generator) -> Floats:
+def _noise(counts: Float32s, std_counts: Any, rng: np.random.Generator) -> Float32s:
     noise = rng.standard_normal(counts.shape, np.float32)
-    noisy: Floats = counts + noise * std_counts.astype(np.float32)[:, None, None]
+    noisy: Float32s = counts + noise * std_counts.astype(np.float32)[:, None, None]
     return noisy
 
 
-def _ours(counts: Floats, rng: np.random.Generator) -> Floats:
+def _ours(counts: Float32s, rng: np.random.Generator) -> Float32s:
     batch, time, taxels = counts.shape
     turned = _turn(counts, rng.integers(0, 4, size=batch))
     gain = np.exp(rng.uniform(-np.log(GAIN), np.log(GAIN), (batch, 1, 1)))
@@ -90,15 +90,15 @@ def _ours(counts: Floats, rng: np.random.Generator) -> Floats:
     lost = rng.random((batch, time)) < LOST_SHARE
     lost[:, 0] = False
     latest = np.maximum.accumulate(np.where(lost, 0, np.arange(time)), axis=1)
-    repeated: Floats = np.take_along_axis(changed, latest[:, :, None], axis=1)
+    repeated: Float32s = np.take_along_axis(changed, latest[:, :, None], axis=1)
     return repeated
 
 
-def _swapped(counts: Floats, rng: np.random.Generator) -> Floats:
+def _swapped(counts: Float32s, rng: np.random.Generator) -> Float32s:
     batch, _, taxels = counts.shape
     rows = np.flatnonzero(rng.random(batch) < SWAPPED_SHARE)
     order = np.tile(np.arange(taxels), (batch, 1))
     pairs = rng.permuted(order[rows], axis=1)[:, :2]
     order[rows[:, None], pairs] = pairs[:, ::-1]
-    swapped: Floats = np.take_along_axis(counts, order[:, None, :], axis=2)
+    swapped: Float32s = np.take_along_axis(counts, order[:, None, :], axis=2)
     return swapped

@@ -19,7 +19,7 @@ from torch import nn
 
 from detector.recordings import Recording, write_whole
 from detector.training.augment import augment
-from detector.training.networks import build, odds_of
+from detector.training.networks import build_network, odds_of
 from detector.training.sequences import (
     Batch,
     FingerSequences,
@@ -55,7 +55,7 @@ class Training:
         self._fingers = finger_sequences(train, settings.label, settings.evenness)
         self.arch = of_layout(name, self._fingers.taxels)
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
-        self.network = build(self.arch)
+        self.network = build_network(self.arch)
         features: Any = self.network.features
         features.mean.copy_(torch.tensor(self.statistics.mean))
         features.std.copy_(torch.tensor(self.statistics.std))

@@ -262,7 +262,7 @@ def log_odds(scores: Tensor) -> Tensor:
     return scores[..., 0] if scores.shape[-1] == 1 else scores[..., 1] - scores[..., 0]
 
 
-def build(arch: Architecture) -> nn.Module:
+def build_network(arch: Architecture) -> nn.Module:
     """Network with random weights."""
     tcn = GatedTcn if arch.gated else SlipTcn
     return {"tcn": tcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)

@@ -13,7 +13,7 @@ from detector.scores.evaluation import cause_of
 from detector.scores.impacts import impacts_of
 from drivers.errors import UsageError
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
 MIN_CHANGE_COUNTS = 0.5  # lower bound of the scale: the noise of a taxel at rest
 
@@ -26,9 +26,9 @@ BEFORE_IMPACT, AFTER_IMPACT = 6, 60  # samples with a loss around the impact of 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
     """Sequences of single fingers; those of one hand are consecutive."""
 
-    counts: list[Floats]  # (n, taxels)
+    counts: list[Float32s]  # (n, taxels)
     labels: list[NDArray[np.bool_]]  # (n,)
-    weights: list[Floats]  # (n,)
+    weights: list[Float32s]  # (n,)
     hands: NDArray[np.intp]  # index of the recording, ascending
     sampling_shares: NDArray[np.float64]  # (hands,) probability of each hand
     impacts: NDArray[np.intp]  # (m, 2): index of the hand, first sample of the impact
@@ -56,9 +56,9 @@ class Statistics(msgspec.Struct, frozen=True):
 class Batch(msgspec.Struct, frozen=True, eq=False):
     """Inputs with a label and a weight for every sample; weight 0: no loss."""
 
-    counts: Floats  # (batch, time, taxels)
-    labels: Floats  # (batch, time)
-    weights: Floats  # (batch, time)
+    counts: Float32s  # (batch, time, taxels)
+    labels: Float32s  # (batch, time)
+    weights: Float32s  # (batch, time)
     hands: NDArray[np.intp]  # (batch,): equal for the fingers of one hand
 
 
@@ -99,7 +99,7 @@ def sampling_shares(recordings: Sequence[Recording], evenness: float) -> NDArray
     return shares
 
 
-def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
+def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Float32s]:
     """Label (n,) and weight (n,) of each sample. For the label `slip`, an impact with a lasting
     displacement of MOVED_M is slip for IMPACT_SAMPLES from its first motion. One below UNSURE_M is
     not slip and has a higher weight; one between has weight 0."""

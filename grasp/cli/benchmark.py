@@ -8,8 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from detector.loading import DETECTORS, SECTIONS
 from detector.recordings import Recording
 from drivers.errors import UsageError
@@ -19,7 +17,6 @@ from grasp.cli.options import check_writable, workers
 from grasp.cli.output import progress, show
 from grasp.files import PRIVATE_FILE, Holder, locked, make_private_folder, write_whole
 
-FILE = "benchmark.json"
 CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
 HEADINGS = (
     "detector", "right, %", "lifts, %", "taps, %", "delay p50 / p90, ms", "false alarms / min",
@@ -28,9 +25,19 @@ HEADINGS = (
 
 
 def benchmark(args: argparse.Namespace) -> int:
+    import msgspec
+
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
-    from scenarios.benchmark.run import COST, Benchmark, BenchmarkFile, costs_of, results_of_others
+    from scenarios.benchmark.run import Benchmark, costs_of
+    from scenarios.benchmark.score_file import (
+        BENCHMARK,
+        COST,
+        ScoreFile,
+        Source,
+        scores_of_others,
+        write_scores,
+    )
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
@@ -45,13 +52,14 @@ def benchmark(args: argparse.Namespace) -> int:
     costs = costs_of(configs, real, pool)
     make_private_folder(args.out)
     made: list[Any] = []
-    out = args.out / FILE
+    out = args.out / BENCHMARK
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
-    same = (protocol.version, args.split, protocol.splits[args.split].digest, args.layout)
+    seeds = protocol.splits[args.split].digest
+    source = Source("benchmark", args.split, "slip", protocol.version, seeds, args.layout)
     try:
         with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
-            others, kept_costs = results_of_others(out, same, list(costs))
+            others, kept_costs = scores_of_others(out, source, list(costs))
             costs = kept_costs | costs
             title = filter(None, ("recordings", args.split, Path(args.layout).stem))
             folder = args.out / "-".join(title)
@@ -60,17 +68,13 @@ def benchmark(args: argparse.Namespace) -> int:
                 lambda done, of: report("recordings", done, of), args.layout,
             )  # fmt: skip
             bench = Benchmark(protocol, args.split, recordings, real, pool, report)
-            seeds = protocol.splits[args.split].digest
             ideal = load_config("can", "simulated", "energy", layout).for_lift()
             oracle = bench.kept_oracle(ideal, folder / f"oracle-{seeds}.json")
             for config in configs:
                 made.append(bench.detector(config))
-                file = BenchmarkFile(
-                    version=protocol.version, split=args.split, seeds=seeds, layout=args.layout,
-                    command=_command(args, names), detectors=[*others, *made], oracle=oracle,
-                )  # fmt: skip
-                content = msgspec.json.format(msgspec.json.encode(file), indent=1)
-                write_whole(out, content, private=True)
+                command, every = _command(args, names), [*others, *made]
+                file = ScoreFile(source=source, command=command, detectors=every, oracle=oracle)
+                write_scores(out, file)
                 write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
     except KeyboardInterrupt:
         kept = "interrupted before any detector was measured", "run it again: recordings are kept"
@@ -156,39 +160,40 @@ def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
     if find_spec("matplotlib") is None:
         exits.print_detail("no chart: it needs the extra `exports` (make install-exports)")
         return []
-    from scenarios.report.benchmark_chart import draw_benchmark
+    from scenarios.report.score_chart import draw_scores
 
     path = out.with_suffix(".svg")
-    draw_benchmark(file, costs, path)
+    draw_scores(file, costs, path)
     return [path]
 
 
 def failures(file: Any) -> list[str]:
     """Of each detector, the commonest reasons why lifts were not right."""
-    from scenarios.report.benchmark_page import by_number
+    from scenarios.report.score_page import by_number
 
     lines = []
     for each in file.detectors:
-        wrong = [f"{n} {cause}" for n, cause in by_number(each.lifts.causes)[:3]]
-        lines.append(f"{each.detector}: of {sum(each.lifts.causes.values())} lifts "
+        causes = each.causes["all"]
+        wrong = [f"{n} {cause}" for n, cause in by_number(causes)[:3]]
+        lines.append(f"{each.detector}: of {sum(causes.values())} lifts "
                      f"{', '.join(wrong) or 'all right'}")  # fmt: skip
     return lines
 
 
 def table(file: Any, costs: dict[str, Any]) -> str:
     """One row a detector, then the oracle; a column for each real recording."""
-    from scenarios.benchmark.streams import Figure
-    from scenarios.report.benchmark_page import between, delays, number, percent
+    from detector.scores.figures import Figure
+    from scenarios.report.score_page import between, delays, number, percent
 
     real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
     headings = (*HEADINGS, *(f"AUC, {name}" for name in real))
     rows: list[tuple[str, ...]] = [headings]
     for each in file.detectors:
-        p, s = each.point, each.streams
+        p, s = each.point, each.figures
         rows.append((
             each.detector, f"{percent(p.right)} {between(p.right)}", percent(p.lifts_right),
-            percent(p.taps_right), delays(p), number(s.false_per_min), percent(s.sustained),
-            number(s.auc, 3),
+            percent(p.taps_right), delays(p), number(s["false_per_min"]),
+            percent(s["sustained"]), number(s["auc"], 3),
             f"{costs[each.detector].update_us:.0f}" if each.detector in costs else "",
             *(number(each.real.get(name, Figure(None)), 3) for name in real),
         ))  # fmt: skip

@@ -246,7 +246,7 @@ def _add_detector(group: Parser) -> None:
         "Stops early and calibrates on the split `validation`; never uses `test`.")  # fmt: skip
     train.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
     train.option("--data DIR", labelled, Path, nargs="+", required=True)
-    train.option("--out FILE.onnx", "weights to write (default: NAME.onnx)", file_with_folders)
+    train.option("--out FILE.onnx", "weights to write (default: runs/NAME.onnx)", file_with_folders)
     train.flag("--force", "overwrite --out, and the files of an unfinished training beside it")
     train.flag("--resume", "continue from the checkpoint beside --out")
     train.option("--seed N", "random seed", seed, default=0)
@@ -273,7 +273,7 @@ def _add_benchmark(root: Parser) -> None:
     parser.option("--recording FILE", "labelled real recordings to score as well", Path, nargs="+")
     parser.option("--layout NAME", "of the fingertips' taxels, in config/layouts", default="")
     parser.option("--out DIR", "folder of recordings and results (default: %(default)s)",
-        folder_to_fill, default=Path("benchmark"))  # fmt: skip
+        folder_to_fill, default=Path("runs/benchmark"))  # fmt: skip
     share(parser, "config set jobs cluster json")
 
 

@@ -21,7 +21,6 @@ from drivers.interfaces import FINGERS
 from grasp.cli import exits
 from grasp.cli.options import check_writable
 from grasp.cli.output import listing, progress, show
-from grasp.files import write_whole
 from grasp.settings import config_dir, named_layer, names, sources_of, suggestion
 from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
@@ -34,11 +33,10 @@ FEW_EVENTS = 5  # with fewer allowed false alarms the rate is uncertain
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # one for each kind of rule
 # keys that their names do not explain
 OF_SCORES = {
-    "delay_mm": "distance slid until the event",
-    "release_delay_ms": "end of the slip to the end of its event",
-    "false_events_per_min": "false alarms per minute of the recordings",
-    "false_events_per_min_by_cause": "likewise; slide: strokes as in the paper",
-    "false_events_per_min_hand": "scaled to a hand of three fingers",
+    "slid": "distance slid until the event",
+    "release": "end of the slip to the end of its event",
+    "false_per_min": "false alarms per minute of a hand of three fingers; also by cause, where "
+    "slide is strokes as in the paper",
     "threshold": "of single samples (accuracy, confusion); events follow the rule above",
 }
 OF_IMPACTS = {
@@ -60,8 +58,9 @@ OF_CARD = {
 
 def detector_evaluate(args: argparse.Namespace) -> int:
     from scenarios.benchmark.data_sets import read_labelled
-    from scenarios.benchmark.evaluation_file import BEGINS, evaluated
+    from scenarios.benchmark.score_file import BEGINS
     from scenarios.benchmark.scoring import contender, read_split
+    from scenarios.benchmark.slips import evaluated
 
     if args.out is not None:
         check_writable(args.out, BEGINS)
@@ -81,7 +80,8 @@ def detector_evaluate(args: argparse.Namespace) -> int:
             made.config, trial_layers("can", "simulated", name, args.config, args.set)
         )
         sheet = made.evaluation()
-        value = {**msgspec.structs.asdict(sheet), "warnings": warnings}
+        known = {"detector_hash": made.config.detector_hash(), "warnings": warnings}
+        value = msgspec.structs.asdict(sheet) | known
         show(args, value, scores_text(sheet, made.config.rule))
         if args.out is not None:
             kept.append(evaluated(made, sheet))
@@ -101,26 +101,28 @@ def warn(args: argparse.Namespace, recordings: Sequence[Recording]) -> list[str]
 
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
-    from scenarios.benchmark.evaluation_file import EvaluationFile
+    from scenarios.benchmark.score_file import ScoreFile, Source, write_scores
     from scenarios.trial.result import versions
 
-    source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
-    words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]
+    of = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
+    words = ["grasp", "detector", "evaluate", *args.detector, *of, "--label", args.label]
     words += ["--split", args.split] if args.data else []
     for option, values in (("--set", args.set), ("--config", args.config or ())):
         words += [word for value in values for word in (option, str(value))]
     command = shlex.join(words)
-    file = EvaluationFile(
-        data=data, label=args.label, command=command, versions=versions(), detectors=kept
-    )
-    write_whole(args.out, msgspec.json.encode(file), private=True)
+    source = Source(data, args.split if args.data else "", args.label)
+    file = ScoreFile(source=source, command=command, versions=versions(), detectors=kept)
+    write_scores(args.out, file)
     if not args.json:
         print(args.out)
 
 
 def scores_text(sheet: Any, rule: Any) -> str:
-    """The score sheet, with the decision rule."""
-    return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
+    """The figures of an evaluation, with the decision rule."""
+    figures = sheet.figures.items()
+    shown = {name: f.value for name, f in figures} | {"confusion": sheet.confusion}
+    shown["intervals"] = {name: (f.low, f.high) for name, f in figures if f.low is not None}
+    return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(shown)}"
 
 
 def legend(keys: dict[str, str]) -> str:

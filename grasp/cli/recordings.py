@@ -148,11 +148,9 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     if database:
         page = campaign_page(run, path)
     elif evaluation:
-        from scenarios.benchmark.run import is_benchmark  # needs the compiled world
-        from scenarios.report.benchmark_page import benchmark_page
-        from scenarios.report.evaluation_page import evaluation_page
+        from scenarios.report.score_page import score_page  # needs the compiled world
 
-        page = benchmark_page(run) if is_benchmark(run) else evaluation_page(run)
+        page = score_page(run)
     else:
         page = run_page(run)
     write_whole(path, page.encode(), private=True)

@@ -8,9 +8,8 @@ from typing import Any
 
 import msgspec
 
-from detector.network_file import SUFFIX
-from detector.recordings import SUFFIX as RECORDING
-from detector.recordings import write
+from detector.network_file import WEIGHTS_SUFFIX
+from detector.recordings import SUFFIX, write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
 from grasp.cli import exits
@@ -23,6 +22,7 @@ from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
+from scenarios.trial.run_folder import RUNS
 from scenarios.world import COMPILING, is_compiled
 
 PROGRESS_S = 10.0  # longest time between two progress lines of a training
@@ -90,7 +90,7 @@ def dataset_import(args: argparse.Namespace) -> int:
     )  # fmt: skip
     imported: dict[Path, Any] = {}
     for file in args.file:
-        out = args.out / f"{file.stem}{RECORDING}"
+        out = args.out / f"{file.stem}{SUFFIX}"
         if out in imported or out.exists():
             raise UsageError(f"{out} exists already", "rename the file, or give another --out")
         imported[out] = import_recording(file, options)
@@ -110,9 +110,11 @@ def dataset_import(args: argparse.Namespace) -> int:
 
 def detector_train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
-    out = args.out or Path(f"{args.network}{SUFFIX}")
-    if out.suffix != SUFFIX:
-        raise UsageError(f"{out} does not end in {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
+    out = args.out or RUNS / f"{args.network}{WEIGHTS_SUFFIX}"
+    if out.suffix != WEIGHTS_SUFFIX:
+        raise UsageError(
+            f"{out} does not end in {WEIGHTS_SUFFIX}", f"--out {out.with_suffix(WEIGHTS_SUFFIX)}"
+        )
     checkpoint = out.with_suffix(".checkpoint")
     _check_files(args, out, checkpoint)
     training, validation = _prepare(args)

@@ -166,7 +166,6 @@ def write_sample(write: Write, sample: Sample) -> None:
 
 
 SCENARIO = "acquire"
-SAMPLES = "samples"  # file name of the labelled samples
 TURN_RADPS = 1.0  # paper, section III-B
 
 
@@ -242,10 +241,10 @@ def _finish(
         speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
         seed=seed, commit=versions()["commit"],
     )  # fmt: skip
-    stems = [SAMPLES] if len(parts) == 1 else [f"{SAMPLES}-{k + 1}" for k in range(len(parts))]
+    numbers = [""] if len(parts) == 1 else [f"-{k + 1}" for k in range(len(parts))]
     made = [
-        recording(part, config, known, str(folder.path / f"{stem}{SUFFIX}"))
-        for part, stem in zip(parts, stems, strict=True)
+        recording(part, config, known, str(folder.path / f"samples{n}{SUFFIX}"))
+        for part, n in zip(parts, numbers, strict=True)
     ]
     kept, lost = [], None
     try:

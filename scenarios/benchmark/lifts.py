@@ -23,11 +23,12 @@ from scenarios.acquire.config import with_values
 from scenarios.acquire.datasets.causes import PERMISSIVE
 from scenarios.acquire.datasets.plan import part_of_job, random_parameters
 from scenarios.acquire.datasets.random_objects import (
+    MAX_TRIES,
+    Range,
+    first_grip_n,
     random_object,
-    relaxed_forces_n,
-    shape_ranges,
 )
-from scenarios.benchmark.protocol import LiftRanges, Range, SplitName, load_protocol
+from scenarios.benchmark.protocol import LiftRanges, SplitName, load_protocol
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
@@ -41,9 +42,8 @@ from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.truth import Truth
 
 MISSED_M = 0.002  # a slip of this that was never registered
-FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
+TOO_FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
 SMOOTH_M = 0.0001  # texture rms; slip on smoother surfaces causes little vibration
-MAX_TRIES = 1000
 FRAGILE = {"controller.slip_response": "stop_and_step", "controller.margin_steps": 1}
 RIGHT, TOO_EARLY, GROUNDLESS, MISSED, SLID, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
     "right", "answered before slip", "answered without slip", "missed", "slid 20 mm", "lost",
@@ -110,7 +110,7 @@ def _slips(truth: Truth) -> bool:
     return turns or abs(truth.slip_speed_mps) > GROSS_SLIP_MPS
 
 
-class Listened:
+class RepeatableDetector:
     """A detector whose inputs and outputs are kept, to repeat them without a simulation."""
 
     def __init__(self, detector: SlipDetector) -> None:
@@ -118,23 +118,23 @@ class Listened:
         self.name, self.threshold, self.memory = (
             detector.name, detector.threshold, detector.memory
         )  # fmt: skip
-        self._heard: list[tuple[NDArray[np.int16], NDArray[np.float64]] | None] = []
+        self._calls: list[tuple[NDArray[np.int16], NDArray[np.float64]] | None] = []
 
     def reset(self) -> None:
-        self._heard.append(None)
+        self._calls.append(None)
         self._detector.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         output = self._detector.update(counts)
-        self._heard.append((counts.copy(), output.copy()))
+        self._calls.append((counts.copy(), output.copy()))
         return output
 
     def repeats(self, fresh: SlipDetector) -> bool:
         """Whether another instance gives the same outputs for the same counts."""
-        for heard in self._heard:
-            if heard is None:
+        for call in self._calls:
+            if call is None:
                 fresh.reset()
-            elif not np.array_equal(fresh.update(heard[0]), heard[1], equal_nan=True):
+            elif not np.array_equal(fresh.update(call[0]), call[1], equal_nan=True):
                 return False
         return True
 
@@ -158,15 +158,15 @@ def run_lift(task: LiftTask) -> LiftRow:
             forces.append(truth.normal_n[0])
 
     with open_rig(config.built_for(task.seed), task.seed, paced=False) as rig:
-        detector: Oracle | Listened
+        detector: Oracle | RepeatableDetector
         if task.oracle_s is not None:
             detector = Oracle(rig, round(task.oracle_s / config.loop.period_s))
         else:
-            detector = Listened(config.make_detector(FINGERS))
+            detector = RepeatableDetector(config.make_detector(FINGERS))
         trial = run_trial(config, rig, make_guard(config), watch, detector=detector)
     result = lift.judge(config, task.seed, trial, None)
     cause = verdict(result, grip, is_fragile(number), max(forces, default=0.0))
-    honest = not (task.checked and isinstance(detector, Listened)) or detector.repeats(
+    honest = not (task.checked and isinstance(detector, RepeatableDetector)) or detector.repeats(
         config.make_detector(FINGERS)
     )
     end = trial.trace.end
@@ -190,7 +190,7 @@ def verdict(result: LiftResult, grip: Grip, fragile: bool, peak_n: float) -> str
     if fragile and peak_n > grip.crush_n:
         return CRUSHED
     if outcome in SUCCESSES or outcome in (LiftOutcome.NEVER_SLIPPED, LiftOutcome.BEYOND_12CM):
-        return RIGHT if slip_m < FAR_M else SLID
+        return RIGHT if slip_m < TOO_FAR_M else SLID
     if outcome == LiftOutcome.UNDETECTED:
         return RIGHT
     if outcome in (LiftOutcome.DROPPED, LiftOutcome.EXPELLED):
@@ -232,7 +232,7 @@ def sampled(config: LiftConfig, seed: int, number: int) -> tuple[LiftConfig, Gri
     config = replace(config, hand=hand)
     load = ranges.weak if is_weak(number) else ranges.sufficient
     for _ in range(MAX_TRIES):
-        config = replace(config, object=_body(config, shape, load, rng))
+        config = replace(config, object=random_object(shape, load, config, rng))
         grip = _grip(config, seed, ranges)
         fits = grip.least_n <= ranges.holdable * config.guard.force_limit_n
         if fits and (grip.crush_n <= ranges.crush_n or not is_fragile(number)):
@@ -248,20 +248,11 @@ def _fingertips(hands: str, seed: int, number: int) -> dict[str, float]:
     return random_parameters(ranges, seed)
 
 
-def _body(config: LiftConfig, shape: str, load: Range, rng: np.random.Generator) -> GraspObject:
-    full_n = sum(config.guard.full_grip_n)
-    hand = config.contact
-    return random_object(shape_ranges(shape), load, hand, config.hand.m_per_count, full_n, rng)
-
-
 def _grip(config: LiftConfig, seed: int, ranges: LiftRanges) -> Grip:
     body = cell_settings(config, seed)[0].body
     accelerated = GRAVITY_MPS2 + config.controller.lift_acceleration_mps2
     least_n = body.total_kg * accelerated / (2.0 * body.friction_kinetic)
-    first_n = relaxed_forces_n(
-        config.object, config.contact, config.hand.m_per_count, config.object.grip_counts
-    )[0]
-    return Grip(body, least_n, ranges.crush * max(least_n, first_n))
+    return Grip(body, least_n, ranges.crush * max(least_n, first_grip_n(config)[0]))
 
 
 def tasks(config: LiftConfig, split: SplitName, checked: int) -> list[LiftTask]:

@@ -9,13 +9,13 @@ import msgspec
 from drivers.errors import ConfigError
 from grasp.settings import config_dir, file_of, load, read_toml
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, load_dataset_config, plan, reduced
+from scenarios.acquire.datasets.random_objects import Range
 
 SplitName = Literal["validation", "test"]
-Range = tuple[float, float]
 PER_SET = 1000  # a data set's seed is a thousand times smaller than those of lifts
 
 
-class Split(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SplitSeeds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Seeds of a split: the first, and a digest of them all with their settings."""
 
     first: int
@@ -42,7 +42,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """A version of the benchmark."""
 
     version: int
-    splits: dict[SplitName, Split]
+    splits: dict[SplitName, SplitSeeds]
     recordings: dict[str, float]  # share of each packaged data set
     lifts: LiftRanges
 

@@ -13,7 +13,6 @@ from detector.network_file import is_weights
 from detector.plugins import is_plugin_file
 from detector.recordings import LabelName, Recording, Split
 from detector.scores.evaluation import (
-    HAND_FINGERS,
     WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
@@ -25,13 +24,13 @@ from detector.scores.evaluation import (
 from detector.scores.sweep import SweepPoint, best, rules, sweep, thresholds_at_budget
 from drivers.errors import UsageError
 from grasp.run.clock import stopwatch_ns
+from scenarios.acquire.datasets.build import Progress
 from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
 from scenarios.rigs.calibration import Files
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
-Progress = Callable[[int, int], None]  # done, total
 
 
 def _with_progress(items: Sequence[T], progress: Progress) -> Iterator[T]:
@@ -39,12 +38,6 @@ def _with_progress(items: Sequence[T], progress: Progress) -> Iterator[T]:
     for done, item in enumerate(items, 1):
         yield item
         progress(done, len(items))
-
-
-class Scores(Evaluation, frozen=True):
-    """An evaluation with the detector's digest."""
-
-    detector_hash: str  # see `TrialConfig.detector_hash`
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):
@@ -55,21 +48,16 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
     streams: list[Streamed]
     data: str
 
-    def evaluation(self) -> Scores:
+    def evaluation(self) -> Evaluation:
         """Evaluation at the configured threshold and rule."""
-        sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
-        named = {**msgspec.structs.asdict(sheet), "detector": self.label}
-        return Scores(**named, detector_hash=self.config.detector_hash())
+        found = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
+        return msgspec.structs.replace(found, detector=self.label)
 
     @property
     def label(self) -> str:
         """Unique name: the path for the user's files, whose inner names may be equal."""
         word = self.config.detector_name
         return word if is_plugin_file(word) or is_weights(word) else self.detector.name
-
-    def points(self, progress: Progress = lambda done, total: None) -> list[SweepPoint]:
-        """Points of all rules and thresholds of the sweep."""
-        return sweep(self.streams, _with_progress(list(rules(self.config.rule)), progress))
 
 
 def read_split(
@@ -119,7 +107,8 @@ def tune_rule(
     contender: Contender, budget_per_min: float, progress: Progress = lambda done, total: None
 ) -> SweepPoint | None:
     """Fastest rule within a budget of false alarms a minute of a hand; None without one."""
-    points = contender.points(progress)
+    candidates = _with_progress(list(rules(contender.config.rule)), progress)
+    points = sweep(contender.streams, candidates)
     points += sweep(contender.streams, thresholds_at_budget(points, budget_per_min))
     return best(points, budget_per_min)
 
@@ -127,9 +116,8 @@ def tune_rule(
 def minutes_at_rest(recordings: Sequence[Recording]) -> float:
     """Static time of a hand without impacts, minutes; one finger counts as a third of a hand."""
     none = np.empty(0)
-    references = [scoring_reference(Streamed(r, none, none), True) for r in recordings]
-    pairs = zip(references, recordings, strict=True)
-    return sum(s.slips.static_s * r.fingers / HAND_FINGERS for s, r in pairs) / 60.0
+    slips = [scoring_reference(Streamed(r, none, none), True).slips for r in recordings]
+    return sum(each.static_s * each.hands for each in slips) / 60.0
 
 
 class Evidence(msgspec.Struct, frozen=True):

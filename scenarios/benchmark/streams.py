@@ -13,35 +13,40 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import Recording, read
 from detector.scores.evaluation import (
-    HAND_FINGERS,
     WARM_UP_SAMPLES,
     Streamed,
     cause_of,
-    hand_probability,
+    scored_samples,
     stream,
-    stroke_intervals,
 )
-from detector.scores.events import MERGE_GAP_S, true_events
+from detector.scores.events import (
+    MERGE_GAP_S,
+    EventOutcomes,
+    delay_quantile_ms,
+    false_rate,
+    recall,
+    score_events,
+    slides_of,
+    true_events,
+)
+from detector.scores.figures import Figure, figure, samples_of
 from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_delays, impacts_of
-from detector.scores.metrics import Confusion, Ranking, auc, confusion
-from detector.scores.quantiles import quantile
+from detector.scores.metrics import Confusion, Floats, Labels, confusion
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
-from scenarios.acquire.datasets.build import build
+from scenarios.acquire.datasets.build import Progress, build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
 from scenarios.benchmark.lifts import SMOOTH_M
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.config import TrialConfig
 
-Floats = NDArray[np.float64]
-Labels = NDArray[np.bool_]
 T = TypeVar("T")
+R = TypeVar("R")
 # forces that the hand or arm changes by itself, and other causes without slip
 ACTUATION = (
     "force_steps", "contact_made_and_broken", "arm_vibration", "grasped_closing_and_tightening",
@@ -54,25 +59,7 @@ SPEEDS_MPS = {
     "10-20 mm/s": (FAST_MPS, 0.02), "20-50 mm/s": (0.02, 0.05), "above 50 mm/s": (0.05, math.inf),
 }  # fmt: skip
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
-EARLY, LATE = 30, 10  # samples around true sliding in which an event is no false alarm
-RESAMPLES = 300
 NO_RESULT_S = 300.0  # of all workers; the longest recording or lift takes a tenth of it
-
-
-class Alarms(msgspec.Struct, frozen=True):
-    """Events of one recording that begin although nothing slides, and its time without slip."""
-
-    false: int
-    hand_s: float  # of a hand; one finger counts as a third of a hand
-    on_s: float  # of that, with slip registered
-
-
-class Figure(msgspec.Struct, frozen=True):
-    """A value with its 95 % interval; None where undefined, infinite where more was missed."""
-
-    value: float | None
-    low: float | None = None
-    high: float | None = None
 
 
 class Tap(msgspec.Struct, frozen=True):
@@ -85,27 +72,9 @@ class Tap(msgspec.Struct, frozen=True):
     delay_ms: float | None
 
 
-class StreamScores(msgspec.Struct, frozen=True):
-    """Scores of a detector with its rule on the recordings of a split."""
-
-    auc: Figure
-    balanced_accuracy: Figure
-    recall: Figure
-    delay_p50_ms: Figure
-    delay_p90_ms: Figure
-    false_per_min: Figure
-    false_per_min_actuation: Figure
-    lingering: Figure  # share of the time without slip in which it is registered
-    sustained: Figure  # share of lasting slip, 10 mm/s and faster, that is reported
-    sustained_by_speed: dict[str, Figure]
-    sustained_smooth: Figure
-    sustained_rough: Figure
-    dropped_per_s: Figure  # times a second of sliding that the status is nominal again
-
-
 def ensure_recordings(
     protocol: Protocol, split: SplitName, folder: Path, workers: Workers,
-    progress: Callable[[int, int], None], layout: str = "",
+    progress: Progress, layout: str = "",
 ) -> dict[str, list[Path]]:  # fmt: skip
     """Build what is missing of a split's recordings; returns their files by set. Raises UsageError
     for a folder with other content."""
@@ -122,15 +91,29 @@ def ensure_recordings(
     return {name: [folder / name / job.path for job in jobs] for name, jobs in plans.items()}
 
 
-class _Task(msgspec.Struct, frozen=True):
-    config: TrialConfig
-    path: str
+def _probabilities(config: TrialConfig, path: Path) -> Floats:
+    counts = read(path).counts  # the labels are dropped before the detector sees anything
+    return stream(config.make_detector(counts.shape[1], counts.shape[2]), counts)[0]
 
 
-def _probabilities(task: _Task) -> tuple[str, Floats]:
-    counts = read(task.path).counts  # the labels are dropped before the detector sees anything
-    made = task.config.make_detector(counts.shape[1], counts.shape[2])
-    return task.path, stream(made, counts)[0]
+def in_order(
+    work: Callable[[T], R], tasks: Sequence[T], detector: str, workers: Workers,
+    progress: Progress,
+) -> list[R]:  # fmt: skip
+    """Results of the tasks. Raises as `give_up`."""
+    found: dict[int, R] = {}
+    progress(0, len(tasks))
+    numbered = results(
+        partial(_numbered, work), list(enumerate(tasks)), workers, partial(give_up, detector)
+    )
+    for done, (number, result) in enumerate(numbered, 1):
+        found[number] = result
+        progress(done, len(tasks))
+    return [found[number] for number in range(len(tasks))]
+
+
+def _numbered(work: Callable[[T], R], task: tuple[int, T]) -> tuple[int, R]:
+    return task[0], work(task[1])
 
 
 def give_up(detector: str, silent_s: float) -> None:
@@ -141,165 +124,76 @@ def give_up(detector: str, silent_s: float) -> None:
 
 
 def stream_files(
-    config: TrialConfig, files: dict[str, list[Path]], workers: Workers,
-    progress: Callable[[int, int], None],
-) -> dict[str, list[Streamed]]:  # fmt: skip
+    config: TrialConfig, files: dict[str, list[Path]], workers: Workers, progress: Progress
+) -> dict[str, list[Streamed]]:
     """The detector's output on every recording, by set."""
-    tasks = [_Task(config, str(path)) for paths in files.values() for path in paths]
-    found: dict[str, Floats] = {}
-    progress(0, len(tasks))
-    quiet = partial(give_up, config.detector_label)
-    for done, (path, p) in enumerate(results(_probabilities, tasks, workers, quiet), 1):
-        found[path] = p
-        progress(done, len(tasks))
-    none = np.empty(0)
+    paths, none = [path for each in files.values() for path in each], np.empty(0)
+    work = partial(_probabilities, config)
+    outputs = iter(in_order(work, paths, config.detector_label, workers, progress))
     return {
-        name: [Streamed(read(path), found[str(path)], none) for path in paths]
-        for name, paths in files.items()
+        name: [Streamed(read(path), next(outputs), none) for path in each]
+        for name, each in files.items()
     }
 
 
 def score_streams(
     sets: dict[str, list[Streamed]], rule: RuleSettings, threshold: float
-) -> StreamScores:
-    """Scores of a rule; ``threshold`` is that of single samples."""
-    delays = [slide_delays_ms(s, rule) for name in SLIDES for s in sets[name]]
-    alarms = [(false_alarms(s, rule), s) for each in sets.values() for s in each]
-    caused = [(a, s) for a, s in alarms if cause_of(s.recording) in ACTUATION]
-    parts = [samples(s, rule) for s in sets["paper"]]
+) -> dict[str, Figure]:
+    """Figures of a rule by name; ``threshold`` is that of single samples."""
+    judged = {name: [slide_outcomes(s, rule) for s in each] for name, each in sets.items()}
+    slides = [outcomes for name in SLIDES for outcomes in judged[name]]
+    every = [outcomes for each in judged.values() for outcomes in each]
+    causes = [cause_of(s.recording) for each in sets.values() for s in each]
+    actuated = [o for o, cause in zip(every, causes, strict=True) if cause in ACTUATION]
+    parts = [scored_samples(s, rule) for s in sets["paper"]]
     lasting = [_lasting(s, rule) for s in sets["sliding"]]
 
     def reported(keep: Callable[[Slide], bool]) -> Figure:
         return figure(_reported, [[x for x in each if keep(x)] for each in lasting])
 
-    return StreamScores(
-        auc=sample_auc(parts),
-        balanced_accuracy=figure(_balanced, [confusion(p > threshold, y) for p, y in parts]),
-        recall=figure(_recall, delays),
-        delay_p50_ms=figure(partial(_delay, 0.5), delays),
-        delay_p90_ms=figure(partial(_delay, 0.9), delays),
-        false_per_min=figure(_rate, [a for a, _ in alarms]),
-        false_per_min_actuation=figure(_rate, [a for a, _ in caused]),
-        lingering=figure(_lingering, [a for a, _ in alarms]),
-        sustained=reported(lambda x: True),
-        sustained_by_speed={
-            name: reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
+    return {
+        "auc": samples_of(parts).auc(),
+        "balanced_accuracy": figure(_balanced, [confusion(p > threshold, y) for p, y in parts]),
+        "recall": figure(recall, slides),
+        "delay_p50_ms": figure(delay_quantile_ms, slides),
+        "delay_p90_ms": figure(partial(delay_quantile_ms, share=0.9), slides),
+        "false_per_min": figure(false_rate, every),
+        "false_per_min_actuation": figure(false_rate, actuated),
+        "lingering": figure(_lingering, every),  # share of the time without slip
+        "sustained": reported(lambda x: True),  # share of lasting slip that is reported
+        **{
+            f"sustained, {name}": reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
             for name, (low, high) in SPEEDS_MPS.items()
         },
-        sustained_smooth=reported(lambda x: x.smooth),
-        sustained_rough=reported(lambda x: not x.smooth),
-        dropped_per_s=figure(_dropped, lasting),
+        "sustained_smooth": reported(lambda x: x.smooth),
+        "sustained_rough": reported(lambda x: not x.smooth),
+        "dropped_per_s": figure(_dropped, lasting),  # times that the status is nominal again
+    }  # fmt: skip
+
+
+def slide_outcomes(s: Streamed, rule: RuleSettings) -> EventOutcomes:
+    """Slips and false alarms by the true motion of the surface over the pad, without the time of
+    taps. A slip whose event began before it has delay 0."""
+    r, slides = s.recording, s.recording.label("slip_true")
+    taps = np.zeros(len(slides), np.bool_)
+    for tap in impacts_of(r):
+        taps[tap.start : tap.end] = True
+    speed_mps = np.zeros(len(slides)) if r.contact_speed_mps is None else r.contact_speed_mps
+    true = slides_of(
+        slides, r.t_s, speed_mps, least_m=LEAST_SLIP_M, first_sample=WARM_UP_SAMPLES,
+        excluded=taps, fingers=r.fingers,
     )  # fmt: skip
-
-
-def samples(s: Streamed, rule: RuleSettings) -> tuple[Floats, Labels]:
-    """Probabilities and labels of the samples that count."""
-    after = slice(WARM_UP_SAMPLES, None)
-    return hand_probability(s, rule)[after], s.labels[after]
-
-
-def sample_auc(parts: Sequence[tuple[Floats, Labels]]) -> Figure:
-    """AUC over the samples of recordings; of a single one, the interval is over its strokes."""
-    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
-    if len(parts) == 1:
-        low, high = stroke_intervals(p, labels, 0.5).get("auc", (None, None))
-        return Figure(auc(p, labels), low, high)
-    ranking, block = Ranking(p, labels), np.repeat(range(len(parts)), [len(y) for _, y in parts])
-    areas = [
-        ranking.auc(np.bincount(chosen, minlength=len(parts))[block].astype(np.float64))
-        for chosen in resamples(len(parts))
-    ]
-    return _bounded(auc(p, labels), areas)
-
-
-def resamples(units: int) -> list[NDArray[np.intp]]:
-    rng = np.random.default_rng(0)
-    return [rng.integers(0, units, units) for _ in range(RESAMPLES)]
-
-
-def figure(statistic: Callable[[Sequence[T]], float | None], units: Sequence[T]) -> Figure:
-    """The statistic with its bootstrap interval over units."""
-    drawn = [statistic([units[i] for i in chosen]) for chosen in resamples(len(units))]
-    return _bounded(statistic(units), drawn)
-
-
-def _bounded(value: float | None, drawn: Sequence[float | None]) -> Figure:
-    ordered = sorted(each for each in drawn if each is not None)
-    if value is None or not ordered:
-        return Figure(None)
-    return Figure(float(value), float(quantile(ordered, 0.025)), float(quantile(ordered, 0.975)))
+    found = score_events(registered_events(s.probabilities, rule), true)
+    return msgspec.structs.replace(found, delays_ms=np.maximum(found.delays_ms, 0.0))
 
 
 def _balanced(cells: Sequence[Confusion]) -> float | None:
     return Confusion(*np.sum([msgspec.structs.astuple(c) for c in cells], axis=0)).balanced_accuracy
 
 
-def _recall(delays_ms: Sequence[Floats]) -> float | None:
-    every = np.concatenate(delays_ms)
-    return float(np.isfinite(every).mean()) if len(every) else None
-
-
-def _delay(share: float, delays_ms: Sequence[Floats]) -> float | None:
-    every = np.concatenate(delays_ms)
-    return quantile(np.sort(every), share) if len(every) else None
-
-
-# Slips and false alarms, by the true motion of the surface over the pad
-
-
-def _grounded(slides: Labels) -> Labels:
-    """Samples (n,) at which an event may begin without being false: the surface slides, has slid
-    within LATE samples, or will within EARLY, because the pad shears before it slides."""
-    shifts = range(-EARLY, LATE + 1)
-    padded = np.pad(slides, (LATE, EARLY))
-    near = [padded[LATE - k : len(padded) - EARLY - k] for k in shifts]
-    grounded: Labels = np.logical_or.reduce(near)
-    return grounded
-
-
-def false_alarms(s: Streamed, rule: RuleSettings) -> Alarms:
-    """Events that begin although nothing slides. The time of a tap does not count."""
-    slides = s.recording.label("slip_true")
-    counted = ~_grounded(slides) & (np.arange(len(slides)) >= WARM_UP_SAMPLES)
-    for tap in impacts_of(s.recording):
-        counted[tap.start : tap.end] = False
-    starts = registered_events(s.probabilities, rule)[:, 0]
-    hands = s.recording.fingers / HAND_FINGERS
-    on = registered(s, rule)
-    return Alarms(
-        int(counted[starts].sum()), counted.sum() * PERIOD_S * hands,
-        (counted & on).sum() * PERIOD_S * hands,
-    )  # fmt: skip
-
-
-def _rate(chosen: Sequence[Alarms]) -> float | None:
-    seconds = sum(each.hand_s for each in chosen)
-    return 60.0 * sum(each.false for each in chosen) / seconds if seconds else None
-
-
-def _lingering(chosen: Sequence[Alarms]) -> float | None:
-    seconds = sum(each.hand_s for each in chosen)
-    return sum(each.on_s for each in chosen) / seconds if seconds else None
-
-
-def slide_delays_ms(s: Streamed, rule: RuleSettings) -> Floats:
-    """Delay (k,) from the onset of each slide of LEAST_SLIP_M or more to the event that reports it:
-    0 if it began before, infinite if there is none. A slide at whose onset the event of the slide
-    before is still on is left out if that was within EARLY samples, else it is missed."""
-    r, slides = s.recording, s.recording.label("slip_true")
-    speed_mps = np.zeros(len(slides)) if r.contact_speed_mps is None else r.contact_speed_mps
-    path_m = np.concatenate([[0.0], np.cumsum(speed_mps * PERIOD_S)])
-    events, delays_ms, rested = registered_events(s.probabilities, rule), [], 0
-    for first, after in true_events(slides, r.t_s, MERGE_GAP_S):
-        from_sample, rested = max(rested, first - EARLY), after
-        if first < WARM_UP_SAMPLES or path_m[after] - path_m[first] < LEAST_SLIP_M:
-            continue
-        starts = [start for start, _ in events if from_sample <= start < after]
-        if starts:
-            delays_ms.append(1e3 * (r.t_s[max(starts[0], first)] - r.t_s[first]))
-        elif from_sample == first - EARLY or not any(a < from_sample < b for a, b in events):
-            delays_ms.append(np.inf)
-    return np.array(delays_ms, np.float64)
+def _lingering(outcomes: Sequence[EventOutcomes]) -> float | None:
+    seconds = sum(o.hand_s for o in outcomes)
+    return sum(o.lingering_s for o in outcomes) / seconds if seconds else None
 
 
 # Slip that lasts

@@ -153,8 +153,8 @@ class TactileResult(msgspec.Struct, frozen=True, eq=False):
             f"{self.recording.source}: no labels"
             if s is None
             else (
-                f"{s.detector} on {s.data}: {s.true_events - s.missed_events} of {s.true_events} "
-                f"slips detected, {s.false_events} false"
+                f"{s.detector} on {s.data}: {s['missed']:g} of {s['slips']:g} slips missed, "
+                f"{s['false_alarms']:g} false alarms"
             )
         )
         rows = [(f"{t_s:.2f}", finger) for t_s, finger in self.registered]

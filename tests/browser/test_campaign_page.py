@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from scenarios.report.campaign_page import campaign_page
-from scenarios.report.evaluation_page import evaluation_page
+from scenarios.report.score_page import score_page
 from tests.browser.chromium import BROWSER, Chromium
 from tests.unit.scenarios.report.test_campaign_page import SPEC, made
-from tests.unit.scenarios.report.test_evaluation_page import made as evaluated
+from tests.unit.scenarios.report.test_score_page import made as evaluated
 
 pytestmark = [
     pytest.mark.browser,
@@ -20,7 +20,7 @@ pytestmark = [
 def test_page_has_no_requests_and_no_errors(width: int, dark: bool, tmp_path: Path) -> None:
     campaign, evaluation = tmp_path / "small.html", tmp_path / "toys.html"
     campaign.write_text(campaign_page(made(tmp_path / "small.sqlite", SPEC), campaign))
-    evaluation.write_text(evaluation_page(evaluated(tmp_path / "toys.json")))
+    evaluation.write_text(score_page(evaluated(tmp_path / "toys.json")))
     with Chromium(tmp_path / "profile", dark, (width, 800)) as browser:
         browser.resize(width, 740)
         for page in (campaign, evaluation):

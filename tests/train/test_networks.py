@@ -14,7 +14,7 @@ from detector.network import StreamingNetwork, run_network  # noqa: E402
 from detector.network_file import NetworkCard, read_network  # noqa: E402
 from detector.training.augment import symmetries  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
-from detector.training.networks import build  # noqa: E402
+from detector.training.networks import build_network  # noqa: E402
 from detector.training.settings import ARCHITECTURES, WINDOW  # noqa: E402
 from tests.unit.detector.network_files import walk  # noqa: E402
 
@@ -28,7 +28,7 @@ def network(name: str) -> "torch.nn.Module":
     """Random weights and statistics, as after training."""
     torch.set_num_threads(1)
     torch.manual_seed(7)
-    made = build(ARCHITECTURES[name]).eval()
+    made = build_network(ARCHITECTURES[name]).eval()
     made.features.mean.fill_(-20.0)
     made.features.std.fill_(60.0)
     made.features.change_scale.fill_(2.0)
@@ -96,8 +96,8 @@ def parameters(made: "torch.nn.Module") -> int:
 
 
 def test_the_paper_s_networks_have_the_published_numbers_of_parameters() -> None:
-    assert parameters(build(ARCHITECTURES["tcn-paper"])) == 10_070
-    cnn = build(ARCHITECTURES["freq-cnn-paper"])
+    assert parameters(build_network(ARCHITECTURES["tcn-paper"])) == 10_070
+    cnn = build_network(ARCHITECTURES["freq-cnn-paper"])
     statistics = sum(b.numel() for n, b in cnn.named_buffers() if "running" in n)
     assert parameters(cnn) + statistics == 30_042
 

@@ -21,7 +21,7 @@ from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
 from scenarios.acquire.datasets.causes import GRASPED, grasped_recording, pressed_recording
-from scenarios.acquire.datasets.plan import Job, press_config
+from scenarios.acquire.datasets.plan import MIN_RECORDINGS, Job, press_config
 from scenarios.acquire.labels import recording
 from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
@@ -30,11 +30,10 @@ from scenarios.trial.result import versions
 OVERSAMPLING = (1.1, 1.3, 1.6, 2.0, 3.0)  # recorded samples over needed ones, try after try
 EXTRA_SAMPLES = 250
 SPLIT_CYCLE: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
-MIN_RECORDINGS = 3  # one a split, the first of SPLIT_CYCLE
 OWN: Final = "own"  # surface of a file without metadata
 NO_MOTION: Final = "none"
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[int, int], None]  # done, total
 
 
 def make(job: Job) -> Recording:

@@ -29,7 +29,7 @@ from scenarios.acquire.datasets.disturbances import (
     Performer,
     TimedDisturbance,
 )
-from scenarios.acquire.datasets.random_objects import relaxed_forces_n
+from scenarios.acquire.datasets.random_objects import first_grip_n
 from scenarios.acquire.labels import TURN_LEVER_M, Floats, distance_moved, recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.session import Script, Session, open_acquire_rig
@@ -128,11 +128,7 @@ def grasped_recording(
 def _trials(
     config: LiftConfig, settings: DisturbanceSettings, turns: bool, rng: np.random.Generator
 ) -> GripTrials:
-    grip_n = config.guard.full_grip_n
-    if not settings.firm:
-        grip_n = relaxed_forces_n(
-            config.object, config.contact, config.hand.m_per_count, config.object.grip_counts
-        )
+    grip_n = config.guard.full_grip_n if settings.firm else first_grip_n(config)
     return GripTrials(config.object, config.contact, grip_n, turns, rng)
 
 

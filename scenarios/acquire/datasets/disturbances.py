@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from detector.recordings import MOVED_M
 from grasp.control.states import State
 from grasp.run.loop import Tick
 from scenarios.acquire.labels import TURN_LEVER_M
@@ -32,9 +33,9 @@ Share = Annotated[float, Meta(gt=0.0)]  # in proportion to the others
 ForceProfile = Callable[[float, Truth], float | None]
 
 # Uniform between these bounds unless stated otherwise; all assumed.
-PAUSES_S = (0.35, 1.0)  # between disturbances, and before the first
+PAUSE_S = (0.35, 1.0)  # between disturbances, and before the first
 NEAR = (0.75, 1.25)  # over the impulse with a lasting displacement of MOVED_M
-WEAK = (0.05, 0.7)  # likewise, log-uniform
+WEAK_SHARE = (0.05, 0.7)  # likewise, log-uniform
 ELASTIC_M = (0.0004, 0.0009)  # largest displacement of an elastic motion
 OFFSET_DEVIATION_M = 0.005  # standard deviation of the point of impact
 SHOVES_M, SHOVES_S = (0.001, 0.012), (0.06, 0.2)
@@ -50,12 +51,11 @@ SPREAD, AIM_M = TapSettings().spread, TapSettings().aim_m
 HAND_NPM, HAND_NSPM = 1500.0, 8.0  # stiffness and damping of the hand of a person who drags
 LET_GO_M = 0.003  # displacement at which a person who pulls lets go
 FADE_FACTOR, FADE_END_N = 0.7, 0.05  # decay of a force per tick after letting go, and its end
-MOVED_M = 0.001
 MAX_LASTING_M = 0.0004  # of an elastic motion: below the bound of the label `slip`
 MIN_IMPULSE_N_S = 0.002
 HALVINGS = 9  # of the logarithm: to 1.4 %
 CURVE = np.geomspace(0.05, 1.0, 9)  # impulses over the one that moves the object MOVED_M
-SAMPLE_S, SAMPLES = 0.001, 60  # sampling of the largest displacement of an impact
+SAMPLE_S, IMPACT_SAMPLES = 0.001, 60  # sampling of the largest displacement of an impact
 
 
 class DisturbanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -107,7 +107,7 @@ class Performer:
             return False
         t_s = tick.t_ns * 1e-9
         if self._due_s is None:
-            self._due_s = t_s + self._between(PAUSES_S)
+            self._due_s = t_s + self._between(PAUSE_S)
         if self._current is not None:
             self._continue(self._current, t_s, truth)
         elif t_s >= self._due_s:
@@ -160,7 +160,7 @@ class Performer:
             return
         self._current, self._cell.shaken = None, False
         self.done.append(msgspec.structs.replace(current, until_s=t_s))
-        self._due_s = t_s + self._between(PAUSES_S)
+        self._due_s = t_s + self._between(PAUSE_S)
 
     def _impact(self, kind: str, direction: str) -> Impact:
         rng, trials = self._rng, self._trials
@@ -172,7 +172,7 @@ class Performer:
         impulses = trials.impulses(direction)
         impulse_n_s = {
             "near": lambda: impulses.threshold * self._between(NEAR),
-            "weak": lambda: impulses.threshold * self._between_logarithms(WEAK),
+            "weak": lambda: impulses.threshold * self._between_logarithms(WEAK_SHARE),
             "mallet": lambda: impulses.mallet * max(1.0 + SPREAD * rng.standard_normal(), 0.0),
             "elastic": lambda: trials.elastic(direction, self._between(ELASTIC_M)),
         }[kind]()
@@ -288,10 +288,10 @@ class GripTrials:
         before = _place(trial)
         trial.contact.strike(impact, SETTLE_S)
         furthest = 0.0
-        for i in range(SAMPLES):
+        for i in range(IMPACT_SAMPLES):
             trial.wait(SETTLE_S + i * SAMPLE_S, SAMPLE_S)
             furthest = max(furthest, float(np.linalg.norm(_place(trial) - before)))
-        trial.wait(SETTLE_S + SAMPLES * SAMPLE_S, AFTER_S - SAMPLES * SAMPLE_S)
+        trial.wait(SETTLE_S + IMPACT_SAMPLES * SAMPLE_S, AFTER_S - IMPACT_SAMPLES * SAMPLE_S)
         if trial.contact.state[laws.NORMAL] <= 0.0:
             return math.inf, math.inf
         moved = float(np.linalg.norm(_place(trial) - before))

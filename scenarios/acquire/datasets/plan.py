@@ -29,21 +29,20 @@ from scenarios.acquire.config import (
 from scenarios.acquire.datasets import random_objects
 from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, base_lift_config
 from scenarios.acquire.datasets.disturbances import DisturbanceSettings
+from scenarios.acquire.datasets.random_objects import MAX_TRIES, Range
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.trial.result import versions
 from scenarios.world.objects import Name
 
-DIRECTIONS = {
+STROKES = {
     "primary": ("0", "90", "180", "270"),
     "oblique": ("45", "135", "225", "315"),
     "rotation": tuple(TURNS),
 }
 SEEDS = 1_000_000  # seeds of one data set; trials have lower seeds
 BLOCKS: dict[Split, int] = {"train": 0, "validation": 400_000, "test": 700_000}
-MAX_TRIES = 1000
-MIN_RECORDINGS = 3  # of a cause: one a split
+MIN_RECORDINGS = 3  # of a cause or kind: one a split
 PRESSED = ("surface.", "press.", "control.", "sampling.")  # settings that a grasp does not have
-Range = tuple[float, float]
 Share = Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, relative to the other shares
 Number = Annotated[int, Meta(ge=0, le=10_000_000)]
 
@@ -237,7 +236,7 @@ def _cause_jobs(config: DatasetConfig, index: int) -> Iterator[Job]:
         rng = np.random.default_rng([config.seed, index])
         splits = _splits(max(MIN_RECORDINGS, count), config.held_out, rng)
         for k, split in enumerate(splits):
-            course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
+            course = motion(STROKES["primary"][k % 4], 0.05, 1.0) if row.strokes else None
             word = row.on[k % len(row.on)]
             name = name_of("object_shapes" if row.grasped else "surfaces", word)
             metadata = _metadata(config, split, index, name, word, course, row)
@@ -264,7 +263,7 @@ def _slide_jobs(config: DatasetConfig) -> Iterator[Job]:
             _splits(count, config.held_out, rng), strict=True,
         )  # fmt: skip
         for k, (slip_part, static_part, split) in enumerate(parts):
-            directions = DIRECTIONS[row.motion]
+            directions = STROKES[row.motion]
             course = motion(directions[k % len(directions)], row.speed, row.speed)
             metadata = _metadata(config, split, index, surface, word, course, None)
             path = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
@@ -304,11 +303,8 @@ def _commit() -> str:
 
 def _object(row: CauseRow, word: str, seed: int) -> dict[str, Any]:
     """Settings of a random object, distinct from the objects of the experiments."""
-    config = base_lift_config("")
-    body = random_objects.random_object(
-        random_objects.shape_ranges(word), row.load, config.contact, config.hand.m_per_count,
-        sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
-    )  # fmt: skip
+    rng = np.random.default_rng([seed, 4])
+    body = random_objects.random_object(word, row.load, base_lift_config(""), rng)
     return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
 
 

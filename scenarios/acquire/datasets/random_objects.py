@@ -17,12 +17,12 @@ import numpy as np
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
 from grasp.settings import UNSEEN, item_layer, load, named_layer, names
+from scenarios.lift.config import LiftConfig
 from scenarios.world import contact, laws
 from scenarios.world.objects import GraspObject, Name
 from scenarios.world.settings import (
     HALF_APERTURE_M,
     WALL_STIFFNESS_NPM,
-    ContactSettings,
     FixedSurface,
 )
 
@@ -139,14 +139,15 @@ def is_distinct(properties: dict[str, Range]) -> bool:
 
 
 def random_object(
-    ranges: ShapeRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
-    full_grip_n: float, rng: np.random.Generator,
-) -> GraspObject:  # fmt: skip
-    """Random object distinct from those of the experiments. Its weight is a ``load_share`` of the
-    friction of its first grip; if None, a full grip carries it. Raises ConfigError."""
+    shape: str, load_share: Range | None, config: LiftConfig, rng: np.random.Generator
+) -> GraspObject:
+    """Random object of a shape for that hand, distinct from those of the experiments. Its weight
+    is a ``load_share`` of the friction of its first grip; if None, a full grip carries it. Raises
+    ConfigError."""
+    ranges, full_grip_n = shape_ranges(shape), sum(config.guard.full_grip_n)
     for _ in range(MAX_TRIES):
         body = _sampled(ranges, rng)
-        grip = first_grip(body, hand, m_per_count, _random(ranges.thumb_n, rng, True))
+        grip = first_grip(body, config, _random(ranges.thumb_n, rng, True))
         if grip is None:
             continue
         counts, pressed_n = grip
@@ -180,32 +181,33 @@ def _random(bounds: Range, rng: np.random.Generator, logarithmic: bool = False) 
     return math.exp(value) if logarithmic else value
 
 
-def relaxed_forces_n(
-    body: GraspObject, hand: ContactSettings, m_per_count: float, counts: Counts3
-) -> Forces:
-    """Forces of the pads at those counts after relaxation, N."""
-    p, pressed = contact.parameters(hand, body), np.zeros(contact.FINGERS)
+def first_grip_n(config: LiftConfig) -> Forces:
+    """Forces of the pads in the first grip of the configured object, after relaxation, N."""
+    return _relaxed_n(config.object, config, config.object.grip_counts)
+
+
+def _relaxed_n(body: GraspObject, config: LiftConfig, counts: Counts3) -> Forces:
+    p, pressed = contact.parameters(config.contact, body), np.zeros(contact.FINGERS)
     width_m, _ = laws.width_and_slope(p, 0.0)
-    travel = m_per_count * np.array(counts, float)
+    travel = config.hand.m_per_count * np.array(counts, float)
     laws.normal_forces(p, width_m, travel, contact.initial_state(), pressed)
-    a, b, c = ((1 - hand.relaxation_fraction) * pressed).tolist()
+    a, b, c = ((1 - config.contact.relaxation_fraction) * pressed).tolist()
     return a, b, c
 
 
 def first_grip(
-    body: GraspObject, hand: ContactSettings, m_per_count: float, thumb_n: float
+    body: GraspObject, config: LiftConfig, thumb_n: float
 ) -> tuple[Counts3, Forces] | None:
     """Finger positions in whole counts that give the thumb's force nearest to ``thumb_n``, and the
     relaxed forces. None if no positions reach MIN_GRIP_N."""
-    p = contact.parameters(hand, body)
-    width_m, _ = laws.width_and_slope(p, 0.0)
-    first = int((HALF_APERTURE_M - width_m) / m_per_count)
+    width_m, _ = laws.width_and_slope(contact.parameters(config.contact, body), 0.0)
+    first = int((HALF_APERTURE_M - width_m) / config.hand.m_per_count)
     near = range(max(0, first - 1), min(255, first + NEAR_COUNTS) + 1)
     least_error, best = math.inf, None
     for a, b, c in itertools.product(near, near, near):
         if not c <= b <= c + ASIDE_COUNTS or abs(2 * a - b - c) > 2:
             continue
-        relaxed = relaxed_forces_n(body, hand, m_per_count, (a, b, c))
+        relaxed = _relaxed_n(body, config, (a, b, c))
         error = abs(relaxed[0] - thumb_n)
         if min(np.subtract(relaxed, MIN_GRIP_N)) >= 0.0 and error < least_error:
             least_error, best = error, ((a, b, c), relaxed)

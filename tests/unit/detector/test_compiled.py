@@ -10,7 +10,7 @@ import pytest
 from detector.compiled import CompiledNetwork
 from detector.interface import SlipDetector
 from detector.network import RuntimeNetwork, StreamingNetwork, engine_of, run_network
-from detector.network_file import packaged_networks, read_network, weights_path
+from detector.network_file import log_runtime, packaged_networks, read_network, weights_path
 from tests.unit.detector.network_files import walk, write_network
 
 # Both are about as far from exact arithmetic as from each other: rounding to float32.
@@ -23,6 +23,19 @@ def in_onnx_runtime(name: str, monkeypatch: pytest.MonkeyPatch) -> SlipDetector:
         patch.setitem(sys.modules, "numba", None)  # its import raises
         patch.delitem(sys.modules, "detector.compiled")
         return run_network(read_network(weights_path(name)), 3)
+
+
+def test_a_packaged_network_that_is_not_compiled_is_logged_once_and_a_bug_is_not_hidden(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    log_runtime.cache_clear()
+    for _ in range(2):
+        in_onnx_runtime("gru", monkeypatch)
+    (line,) = caplog.messages
+    assert line.startswith("network gru runs in ONNX Runtime, not compiled: ")
+    monkeypatch.setattr("detector.compiled.execute", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        engine_of(read_network(weights_path("gru")), 3)
 
 
 @pytest.mark.parametrize("name", packaged_networks())

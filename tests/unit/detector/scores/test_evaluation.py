@@ -16,36 +16,23 @@ from detector.scores.evaluation import (
     Streamed,
     evaluate_recording,
     evaluate_streams,
-    stroke_intervals,
 )
 from detector.scores.events import (
-    EventMetrics,
-    pooled,
+    EventOutcomes,
+    event_figures,
+    false_rate,
+    recall,
     score_events,
     slips_of,
     true_events,
 )
+from detector.scores.figures import Figure, samples_of
 from detector.scores.metrics import (
     auc,
     calibration_error,
     confusion,
 )
-from detector.scores.quantiles import Quantiles
 from drivers.errors import BadFile
-
-JSON_FIELDS = {
-    "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
-    "auc", "event_recall", "event_precision", "false_events_per_min", "delay_ms", "delay_mm",
-    "release_delay_ms", "ece", "compute_us", "threshold", "impacts", "confusion", "true_events",
-    "missed_events", "registered_events",
-    "false_events", "label", "weighted_precision", "false_events_per_min_by_cause",
-    "false_events_per_min_hand", "intervals", "recordings",
-}  # fmt: skip
-
-
-def three(q: Quantiles | None) -> tuple[float, float, float]:
-    assert q is not None
-    return q.p50, q.p90, q.p99
 
 
 def flags(*runs: int) -> NDArray[np.bool_]:
@@ -57,10 +44,14 @@ def times(n: int) -> NDArray[np.float64]:
     return np.arange(n) * 0.01
 
 
-def metrics_of(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
+def outcomes_of(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventOutcomes:
     registered = np.array(events, np.intp).reshape(-1, 2)
     found = slips_of(slip, times(len(slip)), **more)  # type: ignore[arg-type]
-    return pooled([score_events(registered, found)])
+    return score_events(registered, found)
+
+
+def near(*values: float) -> object:
+    return pytest.approx(values)
 
 
 class Scripted:
@@ -113,12 +104,10 @@ def test_bootstrap_resamples_whole_strokes_and_is_reproducible() -> None:
     labels = flags(50, 50, 50, 50, 50, 50)
     p = labels.astype(float)
     p[250:] = 0.0  # one stroke of three is missed
-    assert stroke_intervals(p, labels, 0.5, seed=1)["auc"] == (0.5, 1.0)
-    assert auc(p, labels) == pytest.approx(5 / 6)
-    rough = np.random.default_rng(0).random(300)
-    once, again, other = (stroke_intervals(rough, labels, 0.5, seed) for seed in (1, 1, 2))
-    assert once == again
-    assert once != other
+    area = samples_of([(p, labels)]).auc()
+    assert area == Figure(pytest.approx(5 / 6), 0.5, 1.0)
+    assert samples_of([(p, labels)]).auc() == area
+    assert samples_of([(p[:150], labels[:150])]).auc() == Figure(1.0), "one stroke: no interval"
 
 
 def test_calibration_error_is_the_difference_of_probability_and_frequency() -> None:
@@ -141,66 +130,62 @@ def test_short_static_gaps_do_not_split_a_slip() -> None:
 
 
 def test_detected_slip_has_a_delay_and_a_release_delay() -> None:
-    m = metrics_of(flags(100, 50, 100), [[104, 155]])
-    assert (m.true_events, m.missed_events, m.registered_events, m.false_events) == (1, 0, 1, 0)
-    assert (m.event_recall, m.event_precision, m.false_events_per_min) == (1.0, 1.0, 0.0)
-    assert three(m.delay_ms) == (40.0, 40.0, 40.0)
-    assert three(m.release_delay_ms) == (50.0, 50.0, 50.0)
+    m = outcomes_of(flags(100, 50, 100), [[104, 155]])
+    assert (m.delays_ms, m.releases_ms) == (near(40.0), near(50.0))
+    assert (m.missed, m.good, m.false) == (0, 1, 0)
+    figures = event_figures([m])
+    for name, value in (("slips", 1), ("recall", 1.0), ("precision", 1.0), ("false_per_min", 0.0)):
+        assert figures[name] == Figure(value), name
 
 
 def test_missed_slip_has_an_infinite_delay() -> None:
-    m = metrics_of(flags(100, 50, 100, 30, 100), [[102, 160]])
-    assert (m.event_recall, m.missed_events) == (0.5, 1)
-    assert three(m.delay_ms) == (20.0, math.inf, math.inf)
-    assert three(m.release_delay_ms) == (100.0, 100.0, 100.0)
+    m = outcomes_of(flags(100, 50, 100, 30, 100), [[102, 160]])
+    assert (recall([m]), m.missed) == (0.5, 1)
+    assert (m.delays_ms, m.releases_ms) == (near(20.0, math.inf), near(100.0))
 
 
 def test_event_that_starts_in_static_time_is_false_and_counts_per_static_minute() -> None:
-    m = metrics_of(flags(3000, 50, 2950), [[500, 520], [3010, 3040], [4000, 4003]])
-    assert (m.false_events, m.event_precision) == (2, pytest.approx(1 / 3))
-    assert m.false_events_per_min == pytest.approx(2 / (59.5 / 60))
+    m = outcomes_of(flags(3000, 50, 2950), [[500, 520], [3010, 3040], [4000, 4003]])
+    assert (m.false, event_figures([m])["precision"].value) == (2, pytest.approx(1 / 3))
+    assert false_rate([m]) == pytest.approx(2 / (59.5 / 60))
 
 
 def test_event_that_started_before_a_slip_does_not_detect_it() -> None:
-    m = metrics_of(flags(100, 50, 100, 50, 100), [[10, 400]])
-    assert (m.event_recall, m.false_events, m.event_precision) == (0.0, 1, 0.0)
-    assert m.release_delay_ms is None
+    m = outcomes_of(flags(100, 50, 100, 50, 100), [[10, 400]])
+    assert (m.missed, m.false, m.good, len(m.releases_ms)) == (2, 1, 0, 0)
 
 
 def test_event_may_start_20_ms_before_the_label() -> None:
-    early = metrics_of(flags(100, 50, 100), [[98, 150]])
-    assert (early.event_recall, early.false_events) == (1.0, 0)
-    assert three(early.delay_ms) == (-20.0, -20.0, -20.0)
-    assert metrics_of(flags(100, 50, 100), [[97, 150]]).false_events == 1
+    early = outcomes_of(flags(100, 50, 100), [[98, 150]])
+    assert (early.missed, early.false, early.delays_ms) == (0, 0, near(-20.0))
+    assert outcomes_of(flags(100, 50, 100), [[97, 150]]).false == 1
 
 
 def test_second_event_in_a_slip_is_not_false_and_its_end_is_the_release() -> None:
-    m = metrics_of(flags(100, 50, 100), [[105, 120], [130, 148]])
-    assert (m.registered_events, m.false_events, m.event_precision) == (2, 0, 1.0)
-    assert three(m.delay_ms) == (50.0, 50.0, 50.0)
-    assert three(m.release_delay_ms) == (-20.0, -20.0, -20.0)
+    m = outcomes_of(flags(100, 50, 100), [[105, 120], [130, 148]])
+    assert (m.good, m.false) == (2, 0)
+    assert (m.delays_ms, m.releases_ms) == (near(50.0), near(-20.0))
 
 
 def test_slips_and_false_events_before_the_first_sample_are_not_counted() -> None:
     slip = flags(20, 50, 100, 50, 100)
-    m = metrics_of(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
-    assert (m.true_events, m.registered_events, m.false_events) == (1, 1, 0)
-    assert three(m.delay_ms) == (50.0, 50.0, 50.0)
-    assert metrics_of(slip, [], first_sample=170).true_events == 1
-    assert metrics_of(slip, [], first_sample=171).true_events == 0
+    m = outcomes_of(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
+    assert (m.good, m.false, m.delays_ms) == (1, 0, near(50.0))
+    assert outcomes_of(slip, [], first_sample=170).missed == 1
+    assert outcomes_of(slip, [], first_sample=171).missed == 0
 
 
 def test_slip_at_the_end_of_the_data_ends_with_the_last_sample() -> None:
-    assert three(metrics_of(flags(50, 50), []).delay_ms) == (math.inf, math.inf, math.inf)
-    caught = metrics_of(flags(50, 50), [[60, 100]])
-    assert three(caught.release_delay_ms) == (0.0, 0.0, 0.0)
+    assert outcomes_of(flags(50, 50), []).delays_ms == near(math.inf)
+    caught = outcomes_of(flags(50, 50), [[60, 100]])
+    assert caught.releases_ms == near(0.0)
 
 
 def test_with_a_speed_delays_are_given_in_mm_too() -> None:
     slip = flags(100, 50, 100, 50, 100)
-    m = metrics_of(slip, [[105, 150], [249, 300]], speed_mps=np.where(slip, 0.05, 0.0))
-    assert three(m.delay_mm) == (0.0, 2.5, 2.5)
-    assert metrics_of(slip, []).delay_mm is None
+    m = outcomes_of(slip, [[105, 150], [249, 300]], speed_mps=np.where(slip, 0.05, 0.0))
+    assert m.delays_mm == near(2.5, 0.0)
+    assert outcomes_of(slip, []).delays_mm is None
 
 
 def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.float64]:
@@ -215,17 +200,17 @@ def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.
 def test_event_during_creep_before_the_label_is_early_and_not_false() -> None:
     for begins, hit in [(92, True), (91, False), (97, True)]:
         slip = flags(100, 30, 70)
-        m = metrics_of(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
-        assert (m.missed_events, m.false_events) == ((0, 0) if hit else (1, 1)), (begins, hit)
+        m = outcomes_of(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
+        assert (m.missed, m.false) == ((0, 0) if hit else (1, 1)), (begins, hit)
 
 
 def test_late_event_of_one_slip_is_not_an_early_event_of_the_next() -> None:
     """The contact creeps between the slips, as for a dragged object."""
     slip = flags(100, 11, 24, 65)
     creeps = np.full(200, 2e-3)
-    late, early = (metrics_of(slip, [[begins, 140]], speed_mps=creeps) for begins in (112, 122))
-    assert (late.missed_events, late.false_events) == (2, 1)
-    assert (early.missed_events, early.false_events) == (1, 0)
+    late, early = (outcomes_of(slip, [[begins, 140]], speed_mps=creeps) for begins in (112, 122))
+    assert (late.missed, late.false) == (2, 1)
+    assert (early.missed, early.false) == (1, 0)
 
 
 # --- the whole evaluation
@@ -247,22 +232,13 @@ def test_evaluation_of_a_scripted_detector_is_as_counted_by_hand() -> None:
     e = evaluate_recording(
         detector, RuleSettings(), recording(slip, 2), clock_ns=lambda: next(ticks)
     )
-    assert (e.detector, e.data, e.n_samples) == ("scripted", "by hand", 110)
-    assert e.accuracy == pytest.approx(104 / 110)
-    assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 0)
-    assert three(e.delay_ms) == (
-        40.0,
-        40.0,
-        40.0,
-    )  # 3 samples late, registered by the 2nd
-    assert three(e.release_delay_ms) == (
-        50.0,
-        50.0,
-        50.0,
-    )  # 3 samples late, released by the 3rd
-    assert three(e.compute_us) == (5.0, 5.0, 5.0)
-    assert (e.threshold, "auc" in e.intervals) == (0.5, False)
-    assert set(msgspec.json.decode(msgspec.json.encode(e))) == JSON_FIELDS
+    assert (e.detector, e.data, e["samples"]) == ("scripted", "by hand", 110)
+    assert e["accuracy"] == pytest.approx(104 / 110)
+    assert (e["slips"], e["missed"], e["false_alarms"]) == (1, 0, 0)
+    assert e["delay_p50_ms"] == pytest.approx(40.0)  # 3 samples late, registered by the 2nd
+    assert e["release_p50_ms"] == pytest.approx(50.0)  # 3 samples late, released by the 3rd
+    assert (e["update_p50_us"], e["update_p99_us"]) == (5.0, 5.0)
+    assert (e["threshold"], e.figures["auc"].low) == (0.5, None)
 
 
 # --- several recordings
@@ -284,17 +260,15 @@ def test_metrics_pool_recordings_and_list_false_events_by_cause() -> None:
     caught = streamed(flags(300, 50, 250), flags(305, 45, 250))
     shaken = streamed(flags(600), flags(200, 10, 100, 10, 280), "tightening")
     e = evaluate_streams(Scripted(np.zeros(1)), RuleSettings(), [caught, shaken], "both")
-    assert (e.recordings, e.n_samples) == (2, 1000)
-    assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 2)
-    assert three(e.delay_ms) == (60.0, 60.0, 60.0)
-    assert e.false_events_per_min_by_cause == {
-        "slide": 0.0, "tightening": pytest.approx(2 / (5.0 / 60)),
-    }  # fmt: skip
-    assert e.false_events_per_min == pytest.approx(2 / (9.5 / 60))
+    assert (e["recordings"], e["samples"]) == (2, 1000)
+    assert (e["slips"], e["missed"], e["false_alarms"]) == (1, 0, 2)
+    assert e["delay_p50_ms"] == pytest.approx(60.0)
     # one finger each: a hand of three has three times the false alarms
-    assert e.false_events_per_min_hand == pytest.approx(3 * 2 / (9.5 / 60))
-    low, high = e.intervals["false_events_per_min"]
-    assert (low, high) == (0.0, pytest.approx(2 / (5.0 / 60)))
+    rate = e.figures["false_per_min"]
+    assert rate.value == pytest.approx(3 * 2 / (9.5 / 60))
+    assert (rate.low, rate.high) == (0.0, pytest.approx(3 * 2 / (5.0 / 60)))
+    assert e["false_per_min, slide"] == 0.0
+    assert e["false_per_min, tightening"] == pytest.approx(3 * 2 / (5.0 / 60))
 
 
 def test_another_label_can_be_scored_and_is_refused_if_it_is_missing() -> None:
@@ -307,7 +281,7 @@ def test_another_label_can_be_scored_and_is_refused_if_it_is_missing() -> None:
         for label in ("slip", "slip_true")
         for p in [slip_true.astype(float)[:, None]]
     ]
-    assert [e.accuracy for e in results] == [pytest.approx(180 / 200), 1.0]
+    assert [e["accuracy"] for e in results] == [pytest.approx(180 / 200), 1.0]
     with pytest.raises(BadFile, match="by hand: has no slip_true"):
         Streamed(recording(slip), np.zeros((300, 1)), np.empty(0), "slip_true").labels  # noqa: B018
 
@@ -322,5 +296,5 @@ def test_detection_of_pad_shear_before_sliding_is_early_and_not_false() -> None:
         [Streamed(made, output, np.empty(0), "slip_true")],
         "x",
     )
-    assert (sheet.missed_events, sheet.false_events) == (0, 0)
-    assert three(sheet.delay_ms) == (-60.0, -60.0, -60.0)
+    assert (sheet["missed"], sheet["false_alarms"]) == (0, 0)
+    assert sheet["delay_p50_ms"] == pytest.approx(-60.0)

@@ -8,7 +8,7 @@ import pytest
 
 from scenarios.acquire.datasets.build import build
 from scenarios.benchmark import lifts, run
-from scenarios.benchmark.protocol import Protocol, Split, load_protocol
+from scenarios.benchmark.protocol import Protocol, SplitSeeds, load_protocol
 from scenarios.benchmark.run import Benchmark
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
@@ -29,7 +29,7 @@ def small_protocol(number: int) -> Protocol:
     protocol = load_protocol()
     ranges = msgspec.structs.replace(protocol.lifts, number=number)
     protocol = msgspec.structs.replace(protocol, lifts=ranges)
-    splits = {n: Split(s.first, protocol.digest(n)) for n, s in protocol.splits.items()}
+    splits = {n: SplitSeeds(s.first, protocol.digest(n)) for n, s in protocol.splits.items()}
     return msgspec.structs.replace(protocol, splits=splits)
 
 

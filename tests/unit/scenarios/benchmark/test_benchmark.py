@@ -27,7 +27,7 @@ from scenarios.benchmark.lifts import (
 )
 from scenarios.benchmark.protocol import check_digest, load_evaluated, load_protocol
 from scenarios.benchmark.run import Benchmark, cost
-from scenarios.benchmark.streams import false_alarms, score_taps, slide_delays_ms, stream_files
+from scenarios.benchmark.streams import score_taps, slide_outcomes, stream_files
 from scenarios.lift.scoring import LiftResult
 from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, nothing_shown, settings
@@ -94,7 +94,7 @@ def test_an_event_is_no_false_alarm_shortly_before_and_after_true_sliding() -> N
     for at, false in ((50, 0), (200, 1), (369, 1), (370, 0), (459, 0), (460, 1)):
         p = np.zeros((len(slides), 1))
         p[at] = 1.0
-        found = false_alarms(Streamed(recording, p, np.empty(0)), rule)
+        found = slide_outcomes(Streamed(recording, p, np.empty(0)), rule)
         assert found.false == false, at
         assert found.hand_s == pytest.approx((900 - 100 - 90) * 0.01 / 3), "one finger of a hand"
 
@@ -115,8 +115,9 @@ def test_an_event_reports_one_slide_and_not_those_after_a_pause() -> None:
         for first, after in on:
             p[first:after] = 1.0
         streamed = Streamed(recording, p, np.empty(0))
-        assert slide_delays_ms(streamed, rule) == pytest.approx(expected), on
-    assert false_alarms(streamed, rule).on_s == false_alarms(streamed, rule).hand_s
+        found = slide_outcomes(streamed, rule)
+        assert found.delays_ms == pytest.approx(expected), on
+    assert found.lingering_s == pytest.approx(found.hand_s) and found.hand_s > 0.0
 
 
 def test_a_tap_without_motion_is_not_right_while_slip_stays_registered(

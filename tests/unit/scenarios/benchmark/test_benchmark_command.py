@@ -16,7 +16,8 @@ from drivers.errors import GraspError
 from grasp.cli.main import main
 from grasp.files import locked
 from scenarios.benchmark import protocol, run, streams
-from scenarios.report.benchmark_page import benchmark_page
+from scenarios.benchmark.score_file import read_scores
+from scenarios.report.score_page import score_page
 from scenarios.rigs.workers import Workers
 from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, Recordings
@@ -73,11 +74,11 @@ def test_what_was_missed_or_not_measured_is_said_in_words(
     silent = plugin("return np.zeros(self.fingers)").detector_name
     assert benchmark(silent, "--out", str(tmp_path)) == 0
     path = tmp_path / "benchmark.json"
-    text = benchmark_page(path)
+    text = score_page(path)
     assert "never / never" in text and "Not given" in text and "None" not in text
     (tmp_path / "cost.json").write_text("{")
-    assert "–" in benchmark_page(path)
-    path.write_text(path.read_text().replace('"validation"', '"train"'))
+    assert "–" in score_page(path)
+    path.write_text(path.read_text().replace('"validation"', '"other"'))
     assert main(["report", str(path)]) == 2
 
 
@@ -99,7 +100,7 @@ def test_an_interrupted_benchmark_keeps_the_detectors_that_ended(
 
 
 def measured(folder: Path) -> list[str]:
-    file, costs = run.read_benchmark(folder / "benchmark.json")
+    file, costs = read_scores(folder / "benchmark.json")
     names = [each.detector for each in file.detectors]
     assert set(names) <= costs.keys()
     return names
@@ -118,7 +119,7 @@ def test_a_folder_keeps_the_detectors_of_earlier_benchmarks_of_the_same_protocol
     assert "another benchmark writes to this folder (process " in capsys.readouterr().err
     for content, said in (
         (None, "has results of version 2, split validation, layout eight"),
-        ("{", "is no result"),
+        ("{", "is no file of scores"),
     ):
         path.write_text(content or path.read_text())
         before = path.read_bytes()

@@ -51,4 +51,4 @@ def test_acquisition_is_evaluated_by_its_folder(
     for number, name in enumerate(("samples-1.npz", "samples-2.npz"), 1):
         write(tmp_path / name, toy(number, "test"))
         assert main([*words, str(tmp_path), "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["recordings"] == number
+        assert json.loads(capsys.readouterr().out)["figures"]["recordings"]["value"] == number

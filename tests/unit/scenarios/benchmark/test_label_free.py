@@ -47,7 +47,7 @@ def test_calibrated_rule_is_a_settings_file(
     assert main([*words, "--json"]) == 0
     sheet = json.loads(capsys.readouterr().out)
     assert 0.5 < rule["threshold"] < 1.0  # above the packaged one, because of the noise
-    assert sheet["registered_events"] <= 4  # a budget of one a minute, and the hand's motion
+    assert sheet["figures"]["events"]["value"] <= 4  # one a minute, and its motion
 
 
 def test_calibrated_threshold_is_not_below_the_configured_one(

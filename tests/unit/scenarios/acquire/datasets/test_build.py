@@ -8,7 +8,7 @@ import pytest
 from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import build
 from scenarios.acquire.datasets.plan import (
-    DIRECTIONS,
+    STROKES,
     DatasetConfig,
     Job,
     load_dataset_config,
@@ -77,7 +77,7 @@ def test_every_direction_and_every_split_is_in_every_group(jobs: list[Job]) -> N
         assert splits["validation"] == splits["test"] == max(1, round(0.1 * len(group)))
         assert splits["train"] >= 8
         directions = {job.motion.direction for job in group}
-        assert directions == set(DIRECTIONS[group[0].motion.kind])
+        assert directions == set(STROKES[group[0].motion.kind])
 
 
 def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(

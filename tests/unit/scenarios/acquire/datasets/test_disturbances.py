@@ -5,15 +5,13 @@ import pytest
 
 from scenarios.acquire.datasets.causes import base_lift_config
 from scenarios.acquire.datasets.disturbances import AIM_M, MOVED_M, GripTrials
-from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
+from scenarios.acquire.datasets.random_objects import random_object
 
 
 @pytest.fixture(scope="module")
 def bench() -> GripTrials:
     config, rng = base_lift_config(""), np.random.default_rng(3)
-    body = random_object(
-        shape_ranges("straight"), None, config.contact, config.hand.m_per_count, 20.0, rng
-    )
+    body = random_object("straight", None, config, rng)
     return GripTrials(body, config.contact, config.guard.full_grip_n, False, rng)
 
 

@@ -41,10 +41,7 @@ def test_random_objects_keep_the_margin_from_all_objects(
     name: str, load: tuple[float, float] | None
 ) -> None:
     config, rng = base_lift_config(""), np.random.default_rng(5)
-    found = [
-        random_object(shape_ranges(name), load, config.contact, config.hand.m_per_count, 20.0, rng)
-        for _ in range(SAMPLES)
-    ]
+    found = [random_object(name, load, config, rng) for _ in range(SAMPLES)]
     assert min(nearest(object_properties(body)) for body in found) >= MARGIN
     widths = [body.half_width_m for body in found]
     low, high = shape_ranges(name).half_width_m

@@ -1,4 +1,4 @@
-"""Evaluation files: slips, and traces of the worst ones."""
+"""The slips of an evaluation, traces of the worst ones, and their file."""
 
 from pathlib import Path
 
@@ -10,14 +10,9 @@ from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed
 from drivers.errors import BadFile
-from scenarios.benchmark.evaluation_file import (
-    EvaluationFile,
-    evaluated,
-    read_evaluation,
-    scored_slips,
-    trace,
-)
+from scenarios.benchmark.score_file import ScoreFile, Source, read_scores, write_scores
 from scenarios.benchmark.scoring import contender
+from scenarios.benchmark.slips import evaluated, scored_slips, trace
 from tests.unit.detector.toy_recordings import toys
 
 RULE = RuleSettings(kind="consecutive", consecutive=1, threshold=0.5, fusion="any", release=1)
@@ -54,26 +49,24 @@ def test_slips_and_misses_equal_those_of_the_evaluation() -> None:
     made = contender("psd-fair", toys("test", 4, 50), "toys")
     sheet = made.evaluation()
     kept = evaluated(made, sheet)
-    assert len(kept.slips) == sheet.true_events
-    assert sum(slip.delay_ms is None for slip in kept.slips) == sheet.missed_events
-    assert kept.choices
+    assert len(kept.slips) == sheet["slips"]
+    assert sum(slip.delay_ms is None for slip in kept.slips) == sheet["missed"]
+    assert kept.figures["auc"].value == sheet["auc"] and kept.figures["auc"].low is not None
 
 
 def test_evaluation_file_is_read_back_and_another_file_is_refused(tmp_path: Path) -> None:
     made = contender("energy", toys("test", 2, 50), "toys")
-    file = EvaluationFile(
-        data="toys", label="slip", command="grasp", versions={},
-        detectors=[evaluated(made, made.evaluation())],
-    )  # fmt: skip
+    kept = [evaluated(made, made.evaluation())]
+    file = ScoreFile(source=Source("toys", "", "slip"), command="grasp", detectors=kept)
     path = tmp_path / "one.json"
-    path.write_bytes(msgspec.json.encode(file))
-    assert read_evaluation(path) == file
+    write_scores(path, file)
+    assert read_scores(path)[0].detectors[0].slips == kept[0].slips
     whole = path.read_bytes()
     for other in (
         b'{"format": "something"}',
         msgspec.json.encode(msgspec.structs.replace(file, detectors=[])),
-        whole.replace(b'"probabilities":[', b'"probabilities":[0.5,'),
+        whole.replace(b'"probabilities": [', b'"probabilities": [0.5,'),
     ):
         path.write_bytes(other)
-        with pytest.raises(BadFile, match="is not an evaluation"):
-            read_evaluation(path)
+        with pytest.raises(BadFile, match="is no file of scores"):
+            read_scores(path)

@@ -4,8 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from grasp.files import save_figure
-from scenarios.benchmark.run import BenchmarkFile, Cost
-from scenarios.report.benchmark_page import (
+from scenarios.benchmark.score_file import Cost, ScoreFile
+from scenarios.report.export import pyplot
+from scenarios.report.page import palette
+from scenarios.report.score_page import (
     DELAY,
     END_MS,
     RIGHT_AXIS,
@@ -14,15 +16,13 @@ from scenarios.report.benchmark_page import (
     lowest,
     places,
 )
-from scenarios.report.export import pyplot
-from scenarios.report.page import palette
 
 COLOURS = 6  # of the palette
 SIZE_INCHES, DPI = (7.0, 4.0), 100.0
 TICKS_MS = 50
 
 
-def draw_benchmark(file: BenchmarkFile, costs: dict[str, Cost], out: Path) -> None:
+def draw_scores(file: ScoreFile, costs: dict[str, Cost], out: Path) -> None:
     """Draw the share done right over the delay. A dot with its interval is a detector's rule, its
     line has other thresholds; the legend, best first, has the cost of an update. Raises OSError."""
     plt, n = pyplot(), len(file.detectors)
@@ -33,12 +33,13 @@ def draw_benchmark(file: BenchmarkFile, costs: dict[str, Cost], out: Path) -> No
               label="oracle: every slip\nis reported that late")  # fmt: skip
     dots: list[tuple[float, Any]] = []
     for line, each in enumerate(file.detectors):
-        points, right = places(by_threshold(each), line, n), each.point.right
+        points = places(by_threshold(each), line, n)
         drawn += points
         look: dict[str, Any] = {"color": palette(f"s{line % COLOURS}"), "lw": 1.2}
         axes.plot(*_columns(points), "-" if line < COLOURS else ":", **look)
         cost = f", {costs[each.detector].update_us:.0f} µs" if each.detector in costs else ""
-        for x, y in places([each.point], line, n):
+        for (x, y), p in zip(places(each.own, line, n), each.own, strict=False):
+            right = p.right
             ends = [abs(100.0 * (y if end is None else end) - y) for end in (right.low, right.high)]
             look |= {"fmt": "o" if line < COLOURS else "s", "ms": 6, "capsize": 3}
             error = [[ends[0]], [ends[1]]]

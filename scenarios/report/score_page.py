@@ -1,0 +1,392 @@
+"""The page of a file of scores: `grasp benchmark`, or `grasp report FILE.json`."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from detector.decision import RuleSettings
+from detector.scores.figures import Figure
+from scenarios.benchmark.lifts import CRUSHED, LOST, MISSED, RIGHT
+from scenarios.benchmark.protocol import load_evaluated
+from scenarios.benchmark.score_file import (
+    Cost,
+    DetectorScores,
+    Point,
+    ScoreFile,
+    SlipTrace,
+    read_scores,
+)
+from scenarios.benchmark.slips import AFTER_S, BEFORE_S
+from scenarios.benchmark.streams import SPEEDS_MPS
+from scenarios.report.page import Axis, Cell, Curve, Part, Plot, Section, Table, table_page
+from scenarios.report.run_view import in_words
+
+SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
+DELAY = "median delay, ms (grey: later, or more than half were missed)"
+RIGHT_AXIS = "lifts and taps done right, %"
+REAL = "Real recordings"
+SIMULATED = f'Everything is simulated, except what is under "{REAL}". Small: 95 % intervals.'
+HARM = (MISSED, LOST, CRUSHED)  # the object is lost or damaged; other errors are false alarms
+NONE = Figure(None)
+Where = tuple[float, float]
+Columns = dict[str, Callable[[DetectorScores], Cell]]  # by heading
+
+
+def score_page(path: Path) -> str:
+    """The page as HTML. Raises BadFile as ``read_scores``."""
+    file, costs = read_scores(path)
+    if file.source.version is None:
+        return _evaluation_page(file)
+    every = file.detectors
+    sections = [
+        Section("Result", [_results(file, costs)], [_plot(file)]),
+        *(topic.section(every) for topic in TOPICS),
+        _real(every),
+        Section("Run it again", hint=_origin(file), code=file.command),
+    ]  # fmt: skip
+    return table_page(
+        "benchmark", f"version {file.source.version} · split {file.source.split}",
+        sentence(file), sections, remarks=[SIMULATED], origins=_evaluations(),
+    )  # fmt: skip
+
+
+def _evaluation_page(file: ScoreFile) -> str:
+    worst = [
+        Section(f"Worst misses of {each.detector}: {_missed(trace)}", (), _plots(trace, each.rule))
+        for each in file.detectors for trace in each.worst
+    ]  # fmt: skip
+    again = Section(
+        "Run it again", code=file.command,
+        hint=f"{_hashes(file)} Shaded above: labelled slip. Pressure: sum of a fingertip's taxels "
+        "minus its mean before slip.",
+    )  # fmt: skip
+    versions = ", ".join(f"{name} {text}" for name, text in sorted(file.versions.items()))
+    samples = number(file.detectors[0].figures.get("samples", NONE), 0)
+    return table_page(
+        f"evaluation on {file.source.data}", f"label {file.source.label} · {samples} samples",
+        _best(file), [EVALUATION.section(file.detectors), *worst, again], origins=[versions],
+    )  # fmt: skip
+
+
+# Sentences
+
+
+def sentence(file: ScoreFile) -> str:
+    """The best detector with its share done right and its delay."""
+    points = [(p, each.detector) for each in file.detectors for p in each.own]
+    p, best = max(points, key=lambda each: each[0].right.value or 0.0)
+    most = f"Best of {len(points)} detectors: " if len(points) > 1 else ""
+    delay = "It misses more than half of the slips."
+    if p.delay_p50_ms is not None:
+        delay = f"Its median delay is {p.delay_p50_ms:.0f} ms."
+    share = f"{percent(p.right)} % {between(p.right)}"
+    return f"{most}{best} does {share} of lifts and taps right. {delay}"
+
+
+def _best(file: ScoreFile) -> str:
+    """Number of slips, and the best detectors by AUC and by detected slips."""
+
+    def of(each: DetectorScores, name: str) -> float:
+        return each.figures.get(name, NONE).value or 0.0
+
+    best, most = (max(file.detectors, key=lambda d: of(d, name)) for name in ("auc", "recall"))
+    slips = of(most, "slips")
+    text = f"{slips:.0f} slips: "
+    if of(best, "auc"):
+        text += f"{best.detector} has the highest AUC ({of(best, 'auc'):.3f}); "
+    detected = slips - of(most, "missed")
+    return f"{text}{most.detector} detected most slips, {detected:.0f} of {slips:.0f}."
+
+
+# The plot, also drawn by `score_chart`
+
+
+def places(points: Sequence[Point], line: int, lines: int) -> list[Where]:
+    """Where points are drawn: delay in ms, and share done right in %. Each of the ``lines`` has
+    its own place for what is later than ``SHOWN_MS`` or never."""
+    late_ms = SHOWN_MS + (END_MS - SHOWN_MS) * (line + 1) / (lines + 1)
+    return [
+        (late_ms if p.delay_p50_ms is None or p.delay_p50_ms > SHOWN_MS else p.delay_p50_ms,
+         100.0 * p.right.value)
+        for p in points if p.right.value is not None
+    ]  # fmt: skip
+
+
+def by_threshold(each: DetectorScores) -> list[Point]:
+    """The points of a detector, with that of its rule."""
+    return sorted([*each.curve, *each.own], key=lambda p: p.threshold)
+
+
+def lowest(points: Sequence[Where]) -> float:
+    """A round share, %, below all points."""
+    return 10.0 * math.floor(min([99.0, *(y for _, y in points)]) / 10.0)
+
+
+def _plot(file: ScoreFile) -> Plot:
+    curves, n = [], len(file.detectors)
+    for line, each in enumerate(file.detectors):
+        dot = next(iter(places(each.own, line, n)), None)
+        curves.append(Curve(each.detector, places(by_threshold(each), line, n), dot=dot))
+    curves.append(Curve("oracle", places(file.oracle, n, n), "soft"))
+    low = lowest([point for curve in curves for point in curve.points])
+    return Plot(
+        "Lines: thresholds of a detector; dots: its own rule; oracle: reports slip that late",
+        Axis(DELAY, 0.0, END_MS),
+        Axis(RIGHT_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
+    )  # fmt: skip
+
+
+# Tables
+
+
+def _table(every: Sequence[DetectorScores], columns: Columns, hint: str = "") -> Table:
+    rows = [
+        [Cell(d.detector, in_words(d.rule)), *(made(d) for made in columns.values())]
+        for d in every
+    ]  # fmt: skip
+    return Table(("detector", *columns), rows, hint)
+
+
+def _results(file: ScoreFile, costs: dict[str, Cost]) -> Table:
+    def row(p: Point) -> list[Cell]:
+        shares = (p.right, p.lifts_right, p.taps_right)
+        return [*(_share(f, bar=True) for f in shares), Cell(delays(p))]
+
+    headings = ("detector", "lifts and taps done right, %", "lifts done right, %",
+                "taps done right, %", "delay p50 / p90, ms", "one update, µs")  # fmt: skip
+    rows = [
+        [Cell(d.detector, in_words(d.rule)), *row(p), _cost(costs.get(d.detector))]
+        for d in file.detectors for p in d.own
+    ]  # fmt: skip
+    rows += [[Cell("oracle", "the true slip, at once"), *row(p), Cell()] for p in file.oracle[:1]]
+    return Table(
+        headings, rows,
+        "Delay: from the onset of slip in lifts and taps to its registration; never: too many were "
+        "missed. One update: of three fingertips, median.",
+    )  # fmt: skip
+
+
+def _cost(cost: Cost | None) -> Cell:
+    if cost is None:
+        return Cell("–")
+    size = ""
+    if cost.parameters is not None and cost.bytes is not None:
+        size = f"{cost.parameters} parameters, {cost.bytes / 1e3:.0f} kB"
+    return Cell(f"{cost.update_us:.0f}", size)
+
+
+def _causes(lifts: str) -> Callable[[DetectorScores], Cell]:
+    """Number of ``all``, ``weak`` or ``fragile`` lifts by result."""
+
+    def cell(each: DetectorScores) -> Cell:
+        counts = each.causes.get(lifts, {})
+        total = sum(counts.values())
+        ordered = [(counts.get(RIGHT, 0), RIGHT), *by_number(counts)]
+        kinds = {RIGHT: "good", **dict.fromkeys(HARM, "bad")}
+        parts = [
+            Part(f"{n} {cause}", n / max(total, 1), kinds.get(cause, "error"))
+            for n, cause in ordered
+        ]
+        return Cell(f"{total}", parts=parts)
+
+    return cell
+
+
+def by_number(counts: dict[str, int]) -> list[tuple[int, str]]:
+    """What went wrong, the commonest first."""
+    wrong = [(n, cause) for cause, n in counts.items() if cause != RIGHT]
+    return sorted(wrong, key=lambda each: (-each[0], each[1]))
+
+
+def _shares(name: str) -> Callable[[DetectorScores], Cell]:
+    return lambda d: _share(d.figures.get(name, NONE))
+
+
+def _values(name: str, digits: int = 1) -> Callable[[DetectorScores], Cell]:
+    return lambda d: _value(d.figures.get(name, NONE), digits)
+
+
+def _delays(name: str) -> Callable[[DetectorScores], Cell]:
+    def cell(each: DetectorScores) -> Cell:
+        f = each.figures.get(name, NONE)
+        return Cell(ms(f.value), between(f, 1.0))
+
+    return cell
+
+
+def _pairs(one: str, other: str) -> Callable[[DetectorScores], Cell]:
+    return lambda d: Cell(
+        " / ".join(number(d.figures.get(name, NONE)) for name in (one, other))
+    )  # fmt: skip
+
+
+class Topic(NamedTuple):
+    """A section with one table, a row for each detector."""
+
+    title: str
+    columns: Columns
+    hint: str
+
+    def section(self, every: Sequence[DetectorScores]) -> Section:
+        return Section(self.title, [_table(every, self.columns, self.hint)])
+
+
+TOPICS = (
+    Topic("Lifts", {
+        "all lifts": _causes("all"),
+        "first grip too weak": _causes("weak"),
+        "fragile object": _causes("fragile"),
+    }, "Number of lifts by result."),
+    Topic("Lifts with a first grip that is too weak", {
+        "right on smooth objects, %": _shares("right_smooth"),
+        "right on rough objects, %": _shares("right_rough"),
+        "slip distance p50 / p90, mm": _pairs("slip_p50_mm", "slip_p90_mm"),
+        "force over the least that holds, p50 / p90": _pairs("over_least_p50", "over_least_p90"),
+    }, "Force: the thumb's, of right ones."),
+    Topic("Taps", {
+        "detected and over, %": _shares("detected"),
+        "of these on smooth objects, %": _shares("detected_smooth"),
+        "on rough objects, %": _shares("detected_rough"),
+        "without motion, not answered, %": _shares("unanswered"),
+        "moved / not moved": lambda d: Cell(
+            " / ".join(number(d.figures.get(name, NONE), 0) for name in ("moved", "unmoved"))),
+    }, "Moved: by 2 mm or more, to be registered within 100 ms, and over within 1 s. Not moved: by "
+       "less than 0.5 mm."),
+    Topic("Recordings", {
+        "slips detected, %": _shares("recall"),
+        "delay p50, ms": _delays("delay_p50_ms"),
+        "delay p90, ms": _delays("delay_p90_ms"),
+        "false alarms per minute of a hand": _values("false_per_min"),
+        "while hand or arm moves": _values("false_per_min_actuation"),
+        "registered without slip, % of that time": _shares("lingering"),
+        "samples right (balanced), %": _shares("balanced_accuracy"),
+        "AUC": _values("auc", 3),
+    }, "Slips: true slides of 0.5 mm or more. False alarm: an event that begins although nothing "
+       "slides from 0.1 s before to 0.3 s after. Balanced accuracy and AUC: of the paper's "
+       "strokes."),
+    Topic("Slip that lasts", {
+        "reported, %": _shares("sustained"),
+        **{f"{speed}, %": _shares(f"sustained, {speed}") for speed in SPEEDS_MPS},
+        "smooth objects, %": _shares("sustained_smooth"),
+        "rough objects, %": _shares("sustained_rough"),
+        "status lost per second": _values("dropped_per_s"),
+    }, "Share of the time, from 0.2 s to 2 s after the onset, with slip registered."),
+)  # fmt: skip
+EVALUATION = Topic("Scores", {
+    "AUC": _values("auc", 3),
+    "accuracy, %": _shares("accuracy"),
+    "calibration error": _values("ece", 3),
+    "slips detected, %": _shares("recall"),
+    "false alarms per minute of a hand": _values("false_per_min", 2),
+    "delay p50, ms": _delays("delay_p50_ms"),
+    "delay p90, ms": _delays("delay_p90_ms"),
+    "slip by then p50 / p90, mm": _pairs("slid_p50_mm", "slid_p90_mm"),
+    "one update, µs": _values("update_p50_us", 0),
+}, "Accuracy and calibration: of samples at the detector's threshold. Slips and delays: of its "
+   "decision rule. Distance and cost: –: infinite. Small: 95 % intervals.")  # fmt: skip
+
+
+def _real(every: Sequence[DetectorScores]) -> Section:
+    def on(name: str) -> Callable[[DetectorScores], Cell]:
+        return lambda d: _value(d.real[name], 3) if name in d.real else Cell("not given")
+
+    if names := dict.fromkeys(name for each in every for name in each.real):
+        return Section(REAL, [_table(every, {f"AUC on {name}": on(name) for name in names})])
+    return Section(REAL, hint="Not given (`--recording FILE`).")
+
+
+def _hashes(file: ScoreFile) -> str:
+    hashes = ", ".join(f"{each.detector} {each.detector_hash}" for each in file.detectors)
+    return f"Hashes of weights or formula, and rule: {hashes}."
+
+
+def _origin(file: ScoreFile) -> str:
+    source = file.source
+    layout = f"layout {source.layout}, " if source.layout else ""
+    return (
+        f"Protocol version {source.version}, split {source.split}, {layout}digest of its seeds and "
+        f"settings {source.seeds}. {_hashes(file)}"
+    )
+
+
+def _evaluations() -> list[str]:
+    found = load_evaluated()
+    listed = [f"{each.date}: {each.detector} {each.digest}" for each in found]
+    return [f"Evaluations of candidates for the package on the split test: {len(found)}.", *listed]
+
+
+# Figures as text
+
+
+def _share(f: Figure, bar: bool = False) -> Cell:
+    known = None
+    if bar and f.value is not None and f.low is not None and f.high is not None:
+        known = (f.low, f.value, f.high)
+    return Cell(percent(f), between(f), interval=known)
+
+
+def _value(f: Figure, digits: int = 1) -> Cell:
+    return Cell(number(f, digits), between(f, 1.0, digits))
+
+
+def percent(f: Figure) -> str:
+    """A share in per cent."""
+    return "–" if f.value is None else f"{100 * f.value:.1f}"
+
+
+def number(f: Figure, digits: int = 1) -> str:
+    """A value in its unit."""
+    return "–" if f.value is None else f"{f.value:.{digits}f}"
+
+
+def between(f: Figure, scale: float = 100.0, digits: int = 0) -> str:
+    """The interval in brackets, or nothing; by default that of a share, in per cent."""
+    if f.low is None or f.high is None:
+        return ""
+    low, high = (
+        f"{scale * x:.{digits}f}" if math.isfinite(x) else "never" for x in (f.low, f.high)
+    )
+    return f"({low} to {high})"
+
+
+def ms(value: float | None) -> str:
+    """A delay, or that it is infinite."""
+    return f"{value:.0f}" if value is not None and math.isfinite(value) else "never"
+
+
+def delays(p: Point) -> str:
+    """Median and 90 % quantile of the delay of a point."""
+    return f"{ms(p.delay_p50_ms)} / {ms(p.delay_p90_ms)}"
+
+
+# Traces of the worst misses
+
+
+def _missed(trace: SlipTrace) -> str:
+    slip = trace.slip
+    late = "missed" if slip.delay_ms is None else f"registered {slip.delay_ms:.0f} ms late"
+    slid = "" if slip.slid_mm is None else f", slipped {slip.slid_mm:.1f} mm"
+    speed = f", {1e3 * slip.speed_mps:.0f} mm/s" if slip.speed_mps else ""
+    return f"{slip.recording}, {slip.onset_s:.2f} s: {late}{slid}{speed}"
+
+
+def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
+    time = Axis("s from onset", -BEFORE_S, AFTER_S)
+    values = [value for finger in trace.pressed for value in finger]
+    counts = Axis("counts above the mean before slip", min([*values, -1.0]), max([*values, 1.0]))
+    names = ("A", "B", "C") if len(trace.pressed) > 1 else ("fingertip",)
+    pressed = [
+        Curve(name, list(zip(trace.t_s, finger, strict=True)), style=f"finger{i}")
+        for i, (name, finger) in enumerate(zip(names, trace.pressed, strict=False))
+    ]
+    points = list(zip(trace.t_s, trace.probabilities, strict=True))
+    curves = [Curve("probability", points, style="ink")]
+    if rule.kind == "consecutive":  # the limit of a sum has another scale
+        ends = [(-BEFORE_S, rule.threshold), (AFTER_S, rule.threshold)]
+        curves.append(Curve(f"threshold {rule.threshold:g}", ends, style="limit"))
+    probability = Axis("probability", 0.0, 1.0)
+    return [
+        Plot("Pressure", time, counts, pressed, trace.slipping),
+        Plot("Slip", time, probability, curves, trace.slipping),
+    ]
