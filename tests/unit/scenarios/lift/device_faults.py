@@ -142,10 +142,6 @@ def replug_fingertips(rig: Rig) -> None:
 # Detector: every later one, and the running one
 
 
-def returning(patch: pytest.MonkeyPatch, answer: object) -> Act:
-    return lambda rig: patch.setattr(EnergyDetector, "update", lambda self, counts: answer)
-
-
 def raising(patch: pytest.MonkeyPatch) -> Act:
     def update(self: object, counts: object) -> None:
         raise MemoryError("no memory for a window")
@@ -223,11 +219,6 @@ def freeze_arm_values(rig: Rig) -> None:
     arm = cell(rig).arm
     kept = arm.read(rig.clock.now_ns)
     arm.misreport(lambda sample: msgspec.structs.replace(kept, t_ns=sample.t_ns))
-
-
-def reverse_arm(rig: Rig) -> None:
-    """The arm executes every later motion in the opposite direction."""
-    cell(rig).arm.reversed_moves = True
 
 
 def push_arm(rig: Rig) -> None:

@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 
 from grasp.control.commands import MoveArm, MoveFingers, OpenFingers, StopArm
@@ -117,29 +116,6 @@ def test_command_does_not_activate_a_hand_that_loses_power_at_the_same_time(
     assert end is not None
     assert "the hand is not activated" in end.hand
     assert "moving" not in end.hand and "closed to the limit" not in end.hand
-
-
-DETECTORS = {
-    "nan": np.full(3, np.nan),
-    "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
-    "infinity": np.array([0.0, np.inf, 0.0]),
-    "beyond_one": np.array([0.0, 1.5, 0.0]),
-    "wrong_shape": np.zeros((3, 1)),
-    "one_number": 0.5,
-    "nothing": None,
-}
-
-
-def test_invalid_detector_output_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    everywhere = [("nan", phase) for phase in (P.BRACE, P.COMPENSATE, P.HOLD)]
-    for answer, phase in [*((answer, P.LIFT) for answer in DETECTORS), *everywhere]:
-        with monkeypatch.context() as patch:
-            staged = Staged()
-            trial = staged.run(in_phase(phase, 5), fault.returning(patch, DETECTORS[answer]))
-        in_safe_state(staged, trial, "detector_failed", (answer, phase))
-        assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
 
 
 def test_detector_that_raises_is_late_or_fails_to_reset_is_a_fault(

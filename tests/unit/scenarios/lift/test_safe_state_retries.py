@@ -5,38 +5,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.control.commands import CloseToLimit, StopArm
 from grasp.control.states import State
-from grasp.run.loop import Tick
 from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_monitors import thumb_n
 
 IN_THE_AIR = [State.LIFT, State.DESCEND]
-
-
-@pytest.mark.parametrize("phase", IN_THE_AIR)
-def test_stop_is_repeated_until_the_arm_is_stationary(phase: State) -> None:
-    for lost in (1, 4):
-        staged, received = Staged(), list[list[int]]()
-
-        def act(rig: Rig, lost: int = lost, received: list[list[int]] = received) -> None:
-            received.append(fault.lose_stops(rig, lost))
-            fault.silence_fingertips(rig)
-
-        trial = staged.run(in_phase(phase, 5), act)
-        assert trial.controller.state is State.FAULT
-        later = trial.controller.later_faults
-        assert all(found.code == "arm_wrong_way" for found in later)
-        assert not later or lost > 1  # it moved for longer than braking takes
-        unknown = "the arm's data are implausible: whether it has stopped is unknown"
-        assert trial.controller.unconfirmed == ((unknown,) if later else ())
-        assert received[0]
-        sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
-        assert len(sent) > lost
-        rig = staged.rig
-        assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("end", [fault.silence_fingertips, fault.interrupt])
@@ -82,25 +57,6 @@ def test_hand_is_closed_after_a_link_failure_at_the_time_of_the_fault() -> None:
             fault.silence_fingertips(rig)
 
         closed_again(staged, staged.run(in_phase(phase, 1), act))
-
-
-def test_lost_closing_is_commanded_again() -> None:
-    for ms in (100, 500, 1500):
-        staged = Staged()
-
-        def act(rig: Rig, staged: Staged = staged, ms: int = ms) -> None:
-            fault.swallow_writes(rig)
-            fault.silence_fingertips(rig)
-
-            def recover(tick: Tick) -> None:
-                late = tick.t_ns - (staged.done_at_ns or 0) > ms * 1_000_000
-                fault.cell(rig).gripper.ignores_writes = not late
-
-            staged.on_tick = recover
-
-        closed_again(staged, staged.run(in_phase(State.LIFT, 2), act))
-        closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseToLimit)]
-        assert len(closes) > 1
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.07])
