@@ -9,7 +9,6 @@ from grasp.control.states import State
 from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
-from tests.unit.scenarios.lift.test_monitors import thumb_n
 
 IN_THE_AIR = [State.LIFT, State.DESCEND]
 
@@ -33,30 +32,6 @@ def test_stop_is_repeated_for_an_arm_that_always_reports_to_be_stationary(end: f
         left = trial.end(staged.config)
         assert left is not None
         assert left.arm == "the arm reports that it is stationary"
-
-
-def closed_again(staged: Staged, trial: Any) -> None:
-    assert trial.controller.state is State.FAULT
-    assert thumb_n(staged) > 8.0  # not left at 2.4 N
-    assert max(fault.cell(staged.rig).truth().peak_n) < 11.0
-    assert trial.controller.unconfirmed == ()
-
-
-def test_hand_is_closed_after_a_link_failure_at_the_time_of_the_fault() -> None:
-    for phase, ms in ((State.LIFT, 30), (State.LIFT, 300), (State.COMPENSATE, 80)):
-        staged = Staged()
-
-        def act(rig: Rig, ms: int = ms) -> None:
-            until_ns = rig.clock.now_ns + ms * 1_000_000
-            whole = rig.devices.gripper.poll
-
-            def poll(now_ns: int) -> None:
-                fault.lost() if now_ns < until_ns else whole(now_ns)
-
-            rig.devices.gripper.poll = poll  # type: ignore[method-assign]
-            fault.silence_fingertips(rig)
-
-        closed_again(staged, staged.run(in_phase(phase, 1), act))
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.07])

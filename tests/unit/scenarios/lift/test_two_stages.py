@@ -2,7 +2,6 @@
 
 import pytest
 
-from drivers.interfaces import Detection
 from grasp.control.commands import CloseToLimit
 from grasp.control.states import State
 from grasp.run.loop import Tick
@@ -90,26 +89,6 @@ def test_gripper_fault_between_the_stages_does_not_exceed_the_limit(
         result = staged.result(staged.run(in_phase(State.COMPENSATE, after), broken))
         assert thumb_n(result) <= BOUND_N, (latency_s, after)
         assert not staged.ticks[-1].arm.moving, (latency_s, after)
-
-
-def test_fault_between_the_stages_still_closes_to_the_limit() -> None:
-    for after in (1, 5, 20):
-        staged = Staged()
-        trial = staged.run(in_phase(State.COMPENSATE, after), fault.freeze_fingertips)
-        assert staged.ticks[-1].decision.state is State.FAULT
-        assert staged.ticks[-1].gripper.fingers[0].detection is Detection.CONTACT_CLOSING
-        assert trial.final is not None
-        assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
-
-
-def test_hand_with_a_frozen_status_is_closed_to_the_limit_unconfirmed() -> None:
-    staged = Staged()
-    trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
-    assert trial.controller.state is State.FAULT
-    assert trial.controller.unconfirmed
-    assert not stages(staged.ticks)[-1].first_stage
-    assert trial.final is not None
-    assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
 
 
 @pytest.mark.parametrize("closing", [(), (CONSTANT,)])
