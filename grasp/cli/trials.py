@@ -19,11 +19,11 @@ from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator
 from grasp.control.monitors.checks import CHECKS
 from grasp.run import signals
-from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
+from scenarios.campaign.trial_series import TrialSeries
 from scenarios.report.step_feed import StepFeed
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.result import Failure
-from scenarios.trial.series import TrialContext
 
 
 class _Ended(NamedTuple):
@@ -57,8 +57,8 @@ def run_trials(
 ) -> int:
     """Run lifts or taps. ``config``: of the scenario. ``begin``: called once checks have passed."""
     single = is_single(args)
-    experiment = trial_series.TrialSeries(args.scenario, config, args.seed, trials_of(args))
-    if config.controller.keep and experiment.trials > 1:
+    series = TrialSeries(args.scenario, config, args.seed, trials_of(args))
+    if config.controller.keep and series.trials > 1:
         problem = "--keep (controller.keep) keeps holding one object, so only one trial is possible"
         raise UsageError(problem, "leave it out, or use --trials 1")
     if args.resume and args.out is None:
@@ -68,24 +68,24 @@ def run_trials(
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
     with signals.deferred():  # the final state of arm and hand is always reported
-        with nullcontext() if out is None else experiment.store(out, args.resume) as store:
+        with nullcontext() if out is None else series.store(out, args.resume) as store:
             begin()
-            ended = _follow(args, experiment, permit, store, single)
+            ended = _follow(args, series, permit, store, single)
             if store is not None:
                 ended = ended._replace(rows=store.rows())
         if single and ended.results:
             code = _report(ended.results[0], ended.failure, args, config)
         else:
-            code = _report_series(args, experiment, ended, out)
+            code = _report_series(args, series, ended, out)
         if args.report:
             _write_pages(ended.results, args.json)
         return code
 
 
 def _follow(
-    args: argparse.Namespace, experiment: Any, permit: Any, store: Any, single: bool
+    args: argparse.Namespace, series: TrialSeries, permit: Any, store: Any, single: bool
 ) -> _Ended:
-    config, of = experiment.config, experiment.trials
+    config, of = series.config, series.trials
     operator = None
     if config.rig == "hardware" and is_asked(args):
         operator = TerminalOperator()
@@ -107,8 +107,8 @@ def _follow(
             feed = StepFeed(args.feed)
             context = msgspec.structs.replace(context, watch=feed.watch, on_open=feed.begin)
         try:
-            for finished, row in trial_series.run(experiment, context, store):
-                failure, result = finished.failure, finished.result
+            for judged, row in series.run(context, store):
+                failure, result = judged.failure, judged.result
                 if row is not None:
                     rows[row.trial] = row
                 if result is None:
@@ -161,14 +161,14 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
 
 
 def _report_series(
-    args: argparse.Namespace, experiment: Any, ended: _Ended, out: Path | None
+    args: argparse.Namespace, series: TrialSeries, ended: _Ended, out: Path | None
 ) -> int:
     from grasp.cli.campaign import print_summary
 
-    rows, failure, config = ended.rows, ended.failure, experiment.config
-    kept = "" if out is None else _kept(rows, out, experiment.trials)
-    table = summarize(experiment.spec().name, rows)
-    series = {
+    rows, failure, config = ended.rows, ended.failure, series.config
+    kept = "" if out is None else _kept(rows, out, series.trials)
+    table = summarize(series.spec().name, rows)
+    value = {
         "scenario": args.scenario, "object": config.object.name, "rig": args.rig,
         "detector": config.detector_label, "seed": args.seed, "summary": table,
         f"{args.scenario}s": ended.results, "campaign": out,
@@ -180,7 +180,7 @@ def _report_series(
             print(out)
     if failure is not None:
         begun = args.json and (rows or ended.results)
-        code = exits.report_failure(failure, args.json, **({"result": series} if begun else {}))
+        code = exits.report_failure(failure, args.json, **({"result": value} if begun else {}))
         if not args.json:
             exits.print_detail(kept)
         return code
@@ -191,7 +191,7 @@ def _report_series(
         if not all(done):
             why = "were not judged" if args.scenario == "tap" else "did not succeed"
             say(f"{done.count(False)} of {len(rows)} trials {why}: exit code 1")
-    return show(args, series, "", exits.SUCCESS if all(done) else exits.TRIAL_FAILED)
+    return show(args, value, "", exits.SUCCESS if all(done) else exits.TRIAL_FAILED)
 
 
 def _print_height(result: Any, config: Any) -> None:

@@ -42,7 +42,7 @@ from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
-from scenarios.trial.result import Failure, FinishedRun, ResultT
+from scenarios.trial.result import Failure, JudgedTrial, ResultT
 from scenarios.world import COMPILING, is_compiled
 
 File = str | Path
@@ -295,7 +295,7 @@ def _folder(runs: File | None) -> Path:
     return Path(tempfile.mkdtemp(prefix="grasp-library-")) if runs is None else _path("runs", runs)
 
 
-def _read_result(finished: FinishedRun[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:
+def _read_result(finished: JudgedTrial[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:
     """Result, failure and recording of a run. Raises UsageError where there is no result."""
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:
