@@ -21,7 +21,7 @@ from typing import Any
 import msgspec
 
 from detector.scores.quantiles import quantiles
-from grasp.cli.options import share, whole
+from grasp.cli.options import Pool, whole
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.files import write_whole
@@ -95,7 +95,7 @@ class Run(msgspec.Struct, frozen=True):
         """Rows of a study; those stored are not run again."""
         study, parser = import_module(f"studies.{name}").STUDY, Parser(prog=name)
         study.options(parser)
-        share(parser, "jobs cluster")
+        Pool.add_to(parser)
         options = f"{self.settings.studies[name]} {words} --jobs {jobs or self.jobs}"
         args = parser.parse_args(shlex.split(options))
         return runner.run(study, study.grid(args), args, self.folder)

@@ -1,20 +1,21 @@
 """`grasp run lift --first`: a lab's first lift, in two supervised steps."""
 
-import argparse
 import time
-from typing import Any
 
 from drivers.errors import UsageError
+from grasp.cli.commands import TrialsOptions
 from grasp.cli.lab import say
 from grasp.cli.questions import TerminalOperator
 from grasp.run import signals
+from scenarios.campaign.config import RunConfig
 from scenarios.lab.preflight import STOP_INSTRUCTIONS, close_in_free_air, gentle_settings
+from scenarios.rigs.permission import MotionPermit
 
 QUIT = "q"
 POLL_S = 0.05
 
 
-def begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
+def begin_first(config: RunConfig, permit: MotionPermit | None, args: TrialsOptions) -> RunConfig:
     """Ask, close in free air, ask again; returns the settings of the gentle lift that follows.
     Raises UsageError on a rig without real devices, and if the person quits."""
     if permit is None or args.json or args.trials is not None or args.resume:

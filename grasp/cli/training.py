@@ -1,7 +1,6 @@
 """`grasp dataset`: build or collect labelled recordings. `grasp detector train`: train a network on
 them and write its weights (extra `train`)."""
 
-import argparse
 import math
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,12 @@ from detector.recordings import write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
 from grasp.cli import exits
+from grasp.cli.commands import (
+    DatasetBuildOptions,
+    DatasetCollectOptions,
+    DatasetImportOptions,
+    TrainOptions,
+)
 from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
@@ -30,7 +35,7 @@ PROGRESS_S = 10.0  # longest time between two progress lines of a training
 SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
-def dataset_build(args: argparse.Namespace) -> int:
+def dataset_build(args: DatasetBuildOptions) -> int:
     from scenarios.acquire.datasets import build
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 
@@ -63,7 +68,7 @@ def dataset_build(args: argparse.Namespace) -> int:
     return show(args, value, text)
 
 
-def dataset_collect(args: argparse.Namespace) -> int:
+def dataset_collect(args: DatasetCollectOptions) -> int:
     from scenarios.acquire.datasets import build
 
     for source in args.source:
@@ -80,7 +85,7 @@ def dataset_collect(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def dataset_import(args: argparse.Namespace) -> int:
+def dataset_import(args: DatasetImportOptions) -> int:
     if args.labels and len(args.file) > 1:
         raise UsageError("--labels belongs to one FILE", "import one after the other")
     options = ImportOptions(
@@ -108,7 +113,7 @@ def dataset_import(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def detector_train(args: argparse.Namespace) -> int:
+def detector_train(args: TrainOptions) -> int:
     need("train", "torch", "onnx")
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
@@ -138,7 +143,7 @@ def detector_train(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
+def _check_files(args: TrainOptions, out: Path, checkpoint: Path) -> None:
     """Check, before data are read, whether weights and checkpoint may be written."""
     out.parent.mkdir(parents=True, exist_ok=True)
     check_writable(out)
@@ -151,7 +156,7 @@ def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
                          "--resume continues it, --force starts again")  # fmt: skip
 
 
-def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
+def _prepare(args: TrainOptions) -> tuple[Any, list[Any]]:
     require_whole(args.data)  # before torch, which takes seconds
     from detector.recordings import read_dataset
     from detector.training.fit import Training
@@ -169,7 +174,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     return Training(args.network, settings, learnt, validation, used), validation
 
 
-def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
+def _fit(args: TrainOptions, training: Any, validation: list[Any], out: Path) -> Any:
     """Train and write the weights; returns their card. An interruption waits for the end of a
     step."""
     from detector.training.export import export

@@ -12,7 +12,7 @@ import pytest
 from drivers.errors import ConfigError, UsageError
 from grasp.cli import ros, ros_lifts
 from grasp.cli.child import Child
-from grasp.cli.commands import build_parser
+from grasp.cli.commands import RosOptions, build_parser
 from grasp.cli.main import main
 from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
 from grasp.control.controller import Decision
@@ -25,7 +25,7 @@ from tests.unit.grasp.builders import observation
 
 
 def lifts(*words: str) -> Lifts:
-    return Lifts(build_parser().parse_args(["ros", *words]))
+    return Lifts(RosOptions.of(build_parser().parse_args(["ros", *words])))
 
 
 def test_a_lift_has_the_options_of_the_node_and_its_own_seed() -> None:

@@ -66,7 +66,7 @@ def settings_by(command: str) -> Any:
     """The settings of a run of that command."""
     args = build_parser().parse_args(shlex.split(command)[1:])
     config = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return config.for_tap() if args.scenario == "tap" else config.for_lift()
+    return config.for_tap() if args.command == "run tap" else config.for_lift()
 
 
 def test_rates_are_shown_beside_the_papers_with_intervals(page: str) -> None:
