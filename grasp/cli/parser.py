@@ -2,7 +2,7 @@
 are reported like all others. ``Options`` are the values that it reads, as a typed class."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from types import NoneType
@@ -64,32 +64,11 @@ class Parser(argparse.ArgumentParser):
         action: argparse.Action = self._headed[heading].add_argument(*args, **options)
         return action
 
-    def flag(self, name: str, text: str) -> None:
-        """Add an option without a value."""
-        self.add_argument(name, action="store_true", help=text)
-
-    def option(
-        self, names: str, text: str, reads: Callable[[str], object] | None = None,
-        either: str = "", **options: Any,
-    ) -> None:  # fmt: skip
-        """Add an option or a positional argument. ``names``: `--seed N` or `file FILE`. The help
-        ends with the default unless ``text`` mentions one. ``either``: as in ``How``."""
-        *words, last = names.split()
-        if not words or last.startswith("-"):
-            words.append(last)
-        else:
-            options["metavar"] = last
-        default = options.get("default")
-        if "default" not in text and default not in (None, "", [], ()):
-            shown = f"{default:g}" if isinstance(default, float) else "%(default)s"
-            text = f"{text} (default: {shown})".lstrip()
-        if reads is not None:
-            options["type"] = reads
-        if either and either not in self._headed:
-            group = self.add_mutually_exclusive_group(required=either.endswith("!"))
-            self._headed[either] = group
-        adds = self._headed[either] if either else self
-        adds.add_argument(*words, help=text, **options)
+    def alternatives(self, word: str) -> Any:
+        """The group of ``How.either``."""
+        if word not in self._headed:
+            self._headed[word] = self.add_mutually_exclusive_group(required=word.endswith("!"))
+        return self._headed[word]
 
     def command(
         self, name: str, text: str, section: str = "", more: str = "", examples: Sequence[str] = ()
@@ -236,32 +215,36 @@ class Options:
 
     @classmethod
     def add_to(cls, parser: Parser) -> None:
-        """Add these options to a parser."""
+        """Add these options to a parser. The help of one ends with its default, unless its text
+        mentions one."""
         for name, annotation in cls._fields().items():
             kind, *marks = get_args(annotation)
             *metavar, text = (mark for mark in marks if isinstance(mark, str))
             how = next((mark for mark in marks if isinstance(mark, How)), How())
-            option = name if how.positional else f"--{name.replace('_', '-')}"
+            word = name if how.positional else f"--{name.replace('_', '-')}"
             if kind is bool:
-                parser.flag(option, text)
+                parser.add_argument(word, action="store_true", help=text)
                 continue
             value, many, choices = _parts(kind)
-            reads = next(
-                (mark for mark in marks if callable(mark)), Path if value is Path else None
-            )
             default, required = getattr(cls, name, None), not hasattr(cls, name)
-            more: dict[str, object] = {"choices": choices} if choices else {}
-            if many:
-                nargs = "*" if how.positional and not required else "+"
-                more |= {"action": "append"} if how.repeated else {"nargs": nargs}
+            if "default" not in text and default not in (None, "", ()):
+                text += f" (default: {f'{default:g}' if isinstance(default, float) else default})"
+            if isinstance(default, Path):  # as text, it is checked like a given one
+                default = str(default)
+            by_type = Path if value is Path else None
+            more: dict[str, Any] = {"nargs": "+"} if many else {}
+            if how.repeated:
+                more = {"action": "append"}
             elif how.positional and not required:
-                more["nargs"] = "?"
-            if default is not None:  # a path as text, so that it is checked like a given one
-                as_text = str(default) if isinstance(default, Path) else default
-                more["default"] = list(default) if isinstance(default, tuple) else as_text
-            if required and not how.positional:
+                more["nargs"] = "*" if many else "?"
+            elif required and not how.positional:
                 more["required"] = True
-            parser.option(" ".join((option, *metavar)), text, reads, how.either, **more)
+            adds = parser.alternatives(how.either) if how.either else parser
+            adds.add_argument(
+                word, help=text, metavar=next(iter(metavar), None), choices=choices or None,
+                type=next((mark for mark in marks if callable(mark)), by_type),
+                default=list(default) if isinstance(default, tuple) else default, **more,
+            )  # fmt: skip
 
 
 def _parts(kind: object) -> tuple[object, bool, tuple[str, ...]]:
