@@ -49,8 +49,8 @@ class Parser(argparse.ArgumentParser):
     """Raises usage errors, also for unknown and shortened options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        self._headed: dict[str, Any] = {}
-        self._commands: Any = None
+        self._headed: dict[str, argparse._ArgumentGroup] = {}
+        self._commands: argparse._SubParsersAction[Parser] | None = None
         self._sections: dict[str, list[argparse.Action]] = {}
         super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **options})
 
@@ -61,10 +61,9 @@ class Parser(argparse.ArgumentParser):
             return super().add_argument(*args, **options)
         if heading not in self._headed:
             self._headed[heading] = self.add_argument_group(heading)
-        action: argparse.Action = self._headed[heading].add_argument(*args, **options)
-        return action
+        return self._headed[heading].add_argument(*args, **options)
 
-    def alternatives(self, word: str) -> Any:
+    def alternatives(self, word: str) -> argparse._ArgumentGroup:
         """The group of ``How.either``."""
         if word not in self._headed:
             self._headed[word] = self.add_mutually_exclusive_group(required=word.endswith("!"))
@@ -80,7 +79,7 @@ class Parser(argparse.ArgumentParser):
             )
         if section:
             self._sections.setdefault(section, []).append(argparse.Action([], name, help=text))
-        parser: Parser = self._commands.add_parser(name, help=text, description=text + more)
+        parser = self._commands.add_parser(name, help=text, description=text + more)
         if examples:
             parser.epilog = EXAMPLES + "\n".join(f"  {line}" for line in examples)
         parser.set_defaults(command=parser.prog.partition(" ")[2])
@@ -231,7 +230,7 @@ class Options:
                 text += f" (default: {f'{default:g}' if isinstance(default, float) else default})"
             if isinstance(default, Path):  # as text, it is checked like a given one
                 default = str(default)
-            by_type = Path if value is Path else None
+            by_type = Path if value is Path else str
             more: dict[str, Any] = {"nargs": "+"} if many else {}
             if how.repeated:
                 more = {"action": "append"}

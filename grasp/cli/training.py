@@ -3,13 +3,13 @@ them and write its weights (extra `train`)."""
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from detector.network_file import SUFFIX
 from detector.recordings import SUFFIX as RECORDING
-from detector.recordings import write
+from detector.recordings import Recording, write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
 from grasp.cli import exits
@@ -29,6 +29,11 @@ from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
 from scenarios.world import COMPILING, is_compiled
+
+if TYPE_CHECKING:
+    from detector.network_file import NetworkCard
+    from detector.training.fit import Training
+    from detector.training.validation import Score
 
 PROGRESS_S = 10.0  # longest time between two progress lines of a training
 # options that are settings of a training
@@ -76,8 +81,7 @@ def dataset_collect(args: DatasetCollectOptions) -> int:
     made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking, "warnings": warn(args, made.recordings)}
-    value |= dict[Any, Any](made.counts)
-    show(args, value, f"{args.out}: {counts}")
+    show(args, value | {**made.counts}, f"{args.out}: {counts}")
     if made.lacking and not args.json:
         for split, kinds in made.lacking.items():
             exits.print_detail(f"none for {split}: {', '.join(kinds)}")
@@ -93,7 +97,7 @@ def dataset_import(args: DatasetImportOptions) -> int:
         taxels=args.taxels, sign=args.sign, rest_s=args.rest_seconds, labels=args.labels,
         resample=args.resample,
     )  # fmt: skip
-    imported: dict[Path, Any] = {}
+    imported: dict[Path, tuple[Recording, list[str]]] = {}
     for file in args.file:
         out = args.out / f"{file.stem}{RECORDING}"
         if out in imported or out.exists():
@@ -102,11 +106,11 @@ def dataset_import(args: DatasetImportOptions) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for out, (recording, changes) in imported.items():
         write(out, recording)
-        kept = recording.metadata
+        sha256 = {} if recording.metadata is None else recording.metadata.files
         warnings = warn(args, [recording])
         value = {"file": out, "samples": len(recording.t_s), "fingers": recording.fingers,
-                 "changes": changes, "sha256": kept.files, "warnings": warnings}  # fmt: skip
-        hashes = [f"SHA-256 of {name}: {digest}" for name, digest in kept.files.items()]
+                 "changes": changes, "sha256": sha256, "warnings": warnings}  # fmt: skip
+        hashes = [f"SHA-256 of {name}: {digest}" for name, digest in sha256.items()]
         text = f"{out}: {len(recording.t_s)} samples, fingers: {recording.fingers}"
         lines = [one_line(line, exits.MAX_CHARACTERS) for line in (text, *changes, *hashes)]
         show(args, value, "\n  ".join(lines))
@@ -156,7 +160,7 @@ def _check_files(args: TrainOptions, out: Path, checkpoint: Path) -> None:
                          "--resume continues it, --force starts again")  # fmt: skip
 
 
-def _prepare(args: TrainOptions) -> tuple[Any, list[Any]]:
+def _prepare(args: TrainOptions) -> "tuple[Training, list[Recording]]":
     require_whole(args.data)  # before torch, which takes seconds
     from detector.recordings import read_dataset
     from detector.training.fit import Training
@@ -174,7 +178,9 @@ def _prepare(args: TrainOptions) -> tuple[Any, list[Any]]:
     return Training(args.network, settings, learnt, validation, used), validation
 
 
-def _fit(args: TrainOptions, training: Any, validation: list[Any], out: Path) -> Any:
+def _fit(
+    args: TrainOptions, training: "Training", validation: list[Recording], out: Path
+) -> "NetworkCard":
     """Train and write the weights; returns their card. An interruption waits for the end of a
     step."""
     from detector.training.export import export
@@ -186,7 +192,9 @@ def _fit(args: TrainOptions, training: Any, validation: list[Any], out: Path) ->
     ):
         smooth: float | None = None
 
-        def report(loss: float, s: Any) -> None:  # a log line for each validation's score
+        def report(
+            loss: float, s: "Score | None"
+        ) -> None:  # a log line for each validation's score
             nonlocal smooth
             smooth = loss if smooth is None else 0.98 * smooth + 0.02 * loss
             best = f", best delay {training.best.delay_ms:.0f} ms" if training.best else ""
