@@ -14,16 +14,9 @@ from drivers.errors import ConfigError, UsageError
 from drivers.takktile.emulator.bus import EmulatedBus, backend
 from drivers.takktile.identify import TaxelPress, watch
 from drivers.takktile.link import UsbLink
+from grasp.cli import device_commands as commands
 from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
-from grasp.cli.device_commands import (
-    CalibrateOptions,
-    ForceOptions,
-    HandOptions,
-    IdentifyOptions,
-    NoiseOptions,
-    WatchOptions,
-)
 from grasp.cli.options import check_new
 from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator, confirm
@@ -49,8 +42,8 @@ PRESSES = 10  # with force byte 0
 Act = Callable[[MotionPermit | None, Operator], str]
 
 
-def calibrate_force(args: ForceOptions) -> int:
-    config = lab.load_config(args)
+def calibrate_force(args: commands.ForceOptions) -> int:
+    config = lab.hardware_config(args)
     check_new(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
 
@@ -67,8 +60,8 @@ def calibrate_force(args: ForceOptions) -> int:
     return _measure(args, config, look, look, act, moves=False)
 
 
-def calibrate_hand(args: HandOptions) -> int:
-    config = lab.load_config(args)
+def calibrate_hand(args: commands.HandOptions) -> int:
+    config = lab.hardware_config(args)
     check_new(args.out)
     calibrate.check_force(args.up_to)
 
@@ -103,10 +96,10 @@ def calibrate_hand(args: HandOptions) -> int:
     )
 
 
-def calibrate_noise(args: NoiseOptions) -> int:
+def calibrate_noise(args: commands.NoiseOptions) -> int:
     from scenarios.benchmark.label_free import tune_without_labels
 
-    config = lab.load_config(args)
+    config = lab.hardware_config(args)
     detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
     lab.warn_of_weak_calibration(config.calibration)
@@ -130,8 +123,8 @@ def calibrate_noise(args: NoiseOptions) -> int:
 
 
 def _measure(
-    args: CalibrateOptions, config: RunConfig, plan: Callable[[], str], look: Callable[[], str],
-    act: Act, ask_more: Callable[[], None] = lambda: None,
+    args: commands.CalibrateOptions, config: RunConfig, plan: Callable[[], str],
+    look: Callable[[], str], act: Act, ask_more: Callable[[], None] = lambda: None,
     afterwards: Callable[[str], str] = lambda text: "", moves: bool = True,
 ) -> int:  # fmt: skip
     """Run a measurement with an operator. ``act`` returns the text of the file, which is written
@@ -156,7 +149,7 @@ def _measure(
     return lab.perform(args, config, plan, look, run, ask, moves)
 
 
-def _rule_file(args: NoiseOptions, found: CalibratedRule, configured: RuleSettings) -> str:
+def _rule_file(args: commands.NoiseOptions, found: CalibratedRule, configured: RuleSettings) -> str:
     """Text of the file. The threshold is never below the ``configured`` one, because a hand at rest
     gives no data on closing, lifting or taps."""
     name = "threshold"
@@ -182,14 +175,14 @@ def _rule_file(args: NoiseOptions, found: CalibratedRule, configured: RuleSettin
     return "\n".join(lines) + "\n"
 
 
-def tactile_watch(args: WatchOptions) -> int:
+def tactile_watch(args: commands.WatchOptions) -> int:
     if args.rest:
         return _measure_rest(args)
     if args.out is not None:
         raise UsageError("--out writes the rest codes and needs --rest", "add --rest")
     report, seconds, most = None, 0, args.seconds or WATCH_S
     with suppress(KeyboardInterrupt):  # what was measured before is reported
-        for report in fingertips.watch(lab.load_config(args), most):
+        for report in fingertips.watch(lab.hardware_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
                 print(report.summary(), flush=True)
@@ -198,9 +191,9 @@ def tactile_watch(args: WatchOptions) -> int:
     return show(args, {**msgspec.to_builtins(report), "exit_code": 0}, report.table())
 
 
-def _measure_rest(args: WatchOptions) -> int:
+def _measure_rest(args: commands.WatchOptions) -> int:
     check_new(args.out)
-    report, text = fingertips.rest_file(lab.load_config(args), args.seconds or REST_S)
+    report, text = fingertips.rest_file(lab.hardware_config(args), args.seconds or REST_S)
     if args.out is not None:
         write_whole(args.out, text.encode())
     if not args.json:
@@ -209,7 +202,7 @@ def _measure_rest(args: WatchOptions) -> int:
     return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
 
 
-def tactile_identify(args: IdentifyOptions) -> int:
+def tactile_identify(args: commands.IdentifyOptions) -> int:
     config = load_for_devices("can", HARDWARE, args.config, args.set)
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
     strongest: dict[tuple[int, int], TaxelPress] = {}

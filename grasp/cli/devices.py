@@ -7,19 +7,9 @@ from drivers.interfaces import Counts3, Vector3
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MODE, mode_warning
 from drivers.ur.link import preflight as arm_preflight
+from grasp.cli import device_commands as commands
 from grasp.cli import exits, lab
-from grasp.cli.device_commands import (
-    ARM_SPEED,
-    ActivateOptions,
-    ArmBackOptions,
-    ArmStepOptions,
-    ArmStopOptions,
-    CloseOptions,
-    MotionOptions,
-    ReleaseOptions,
-    StatusOptions,
-    StepOptions,
-)
+from grasp.cli.device_commands import ARM_SPEED
 from grasp.cli.questions import confirm
 from scenarios.campaign.config import RunConfig
 from scenarios.lab import arm, hand, preflight
@@ -35,12 +25,12 @@ SET_BASIC = "open all fingers and set basic mode"
 OPEN = (0, 0, 0)
 
 
-def status(args: StatusOptions) -> int:
-    config = lab.load_config(args)
+def status(args: commands.StatusOptions) -> int:
+    config = lab.hardware_config(args)
     return _arm_status(args, config) if args.device == "arm" else _gripper_status(args, config)
 
 
-def _gripper_status(args: StatusOptions, config: RunConfig) -> int:
+def _gripper_status(args: commands.StatusOptions, config: RunConfig) -> int:
     where = gripper_address(config)
     if config.devices.gripper:
         raise UsageError(f"{where} is driven by another package", "use that package's tools")
@@ -64,7 +54,7 @@ def _gripper_status(args: StatusOptions, config: RunConfig) -> int:
     return code
 
 
-def _arm_status(args: StatusOptions, config: RunConfig) -> int:
+def _arm_status(args: commands.StatusOptions, config: RunConfig) -> int:
     host, checks = arm_address(config), arm_checks(config)
     state = (
         []
@@ -87,8 +77,8 @@ def _listed(title: str, lines: list[str]) -> str:
     return "\n".join((title, *(f"  {line}" for line in lines)))
 
 
-def gripper_activate(args: ActivateOptions) -> int:
-    config = lab.load_config(args)
+def gripper_activate(args: commands.ActivateOptions) -> int:
+    config = lab.hardware_config(args)
 
     def look() -> str:
         settings_to_open(config)  # raises without a calibration
@@ -109,13 +99,13 @@ def gripper_activate(args: ActivateOptions) -> int:
     return lab.perform(args, config, lambda: ALL, look, act, ask)
 
 
-def gripper_close(args: CloseOptions) -> int:
+def gripper_close(args: commands.CloseOptions) -> int:
     fingers, config = hand.finger_names(args.finger), _hand_config(args)
     plan = f"close finger {fingers} to {args.to} counts"
     return _move(args, config, plan, lambda at: hand.closing_targets(at, fingers, args.to), fingers)
 
 
-def gripper_step(args: StepOptions) -> int:
+def gripper_step(args: commands.StepOptions) -> int:
     fingers, config = hand.finger_names(args.finger), _hand_config(args)
     counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
@@ -123,7 +113,7 @@ def gripper_step(args: StepOptions) -> int:
 
 
 def _move(
-    args: MotionOptions,
+    args: commands.MotionOptions,
     config: RunConfig,
     plan: str,
     targets: Callable[[Counts3], Counts3],
@@ -158,7 +148,7 @@ def _move(
                    lambda: lab.warn_of_mode(config))  # fmt: skip
 
 
-def release(args: ReleaseOptions) -> int:
+def release(args: commands.ReleaseOptions) -> int:
     config = _hand_config(args)
 
     def look() -> str:
@@ -188,9 +178,9 @@ def release(args: ReleaseOptions) -> int:
     )
 
 
-def _hand_config(args: MotionOptions) -> RunConfig:
+def _hand_config(args: commands.MotionOptions) -> RunConfig:
     """Load the settings; warns of a weak calibration first, also in a dry run."""
-    config = lab.load_config(args)
+    config = lab.hardware_config(args)
     lab.warn_of_weak_calibration(config.calibration)
     return config
 
@@ -210,8 +200,8 @@ def _spread(mode: int) -> str:
     return SCISSOR_NOTE if mode == SCISSOR else ""
 
 
-def arm_step(args: ArmStepOptions) -> int:
-    config = lab.load_config(args)
+def arm_step(args: commands.ArmStepOptions) -> int:
+    config = lab.hardware_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
     arm.check_step(config, by_m)
     step = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
@@ -226,8 +216,8 @@ def arm_step(args: ArmStepOptions) -> int:
     return _perform_motion(args, config, plan, act)
 
 
-def arm_back(args: ArmBackOptions) -> int:
-    config = lab.load_config(args)
+def arm_back(args: commands.ArmBackOptions) -> int:
+    config = lab.hardware_config(args)
     if config.devices.arm:
         raise UsageError("an arm of another package has no position here", "use `grasp arm step`")
     run, start_m = last_start(arm_address(config), args.run)
@@ -246,7 +236,7 @@ def arm_back(args: ArmBackOptions) -> int:
 
 
 def _perform_motion(
-    args: MotionOptions,
+    args: commands.MotionOptions,
     config: RunConfig,
     plan: Callable[[], str],
     act: Callable[[MotionPermit | None], lab.Done],
@@ -264,8 +254,8 @@ def _perform_motion(
     return lab.perform(args, config, plan, look, act, warn)
 
 
-def arm_stop(args: ArmStopOptions) -> int:
-    config = lab.load_config(args)
+def arm_stop(args: commands.ArmStopOptions) -> int:
+    config = lab.hardware_config(args)
     if args.dry_run:
         would = f"end any program that runs on the arm at {arm_address(config)}"
         return lab.print_done(args, lab.Done(would), "would")

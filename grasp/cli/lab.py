@@ -24,7 +24,7 @@ SAME_HEIGHT_M = 0.001
 say = exits.report_line  # on standard error
 
 
-def load_config(args: LabOptions) -> RunConfig:
+def hardware_config(args: LabOptions) -> RunConfig:
     """Load settings for real devices; raises UsageError for a rig that has none."""
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:

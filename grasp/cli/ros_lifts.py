@@ -1,9 +1,10 @@
-"""The lifts that a ROS 2 node may start, and their command lines."""
+"""`grasp ros`: the lifts that a ROS 2 node may start, and their command lines."""
 
 import math
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,8 @@ from scenarios.rigs.calibration import calibration, config_files
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.execution import make_guard
 
+REMEDY = "source a ROS 2 installation, or pip install 'grasp-controller[ros]'"
+
 
 class Goal(NamedTuple):
     """What a client may choose of a lift; empty: as on the node's command line."""
@@ -28,7 +31,7 @@ class Goal(NamedTuple):
     profile: str = ""
 
 
-class Outcome(NamedTuple):
+class ClientResult(NamedTuple):
     """Result of a lift for its client; NaN: unknown."""
 
     success: bool
@@ -38,7 +41,7 @@ class Outcome(NamedTuple):
     peak_force_n: tuple[float, ...]  # A, B, C
 
     @classmethod
-    def of(cls, printed: JsonObject) -> "Outcome":
+    def of(cls, printed: JsonObject) -> "ClientResult":
         """Of what `grasp run lift --json` printed."""
         error = printed.get("error") or {}
         result = (printed.get("result") or {}) if error else printed
@@ -149,3 +152,15 @@ class Lifts:
             goal.object or args.object, args.rig, args.detector, args.config, args.set,
             goal.profile or args.profile,
         )  # fmt: skip
+
+
+def ros(args: RosOptions) -> int:
+    lifts = Lifts(args)
+    if find_spec("rclpy") is None:
+        raise UsageError("no ROS 2: the Python package rclpy was not found", REMEDY)
+    try:
+        from grasp.cli import ros_node
+    except ImportError as error:
+        problem = f"rclpy cannot be imported: {error}"
+        raise UsageError(problem, "run grasp with the Python of the ROS installation") from None
+    return ros_node.run(lifts)

@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 from grasp.cli import exits
 from grasp.cli.child import Child
 from grasp.cli.output import JsonObject
-from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
+from grasp.cli.ros_lifts import ClientResult, Goal, Lifts, Slot
 from grasp.control.fault import INTERRUPTED, TRIAL, Fault
 from grasp.run import signals
 from grasp.settings import config_dir
@@ -57,7 +57,7 @@ RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
 RUNNING = "a lift or a release is running"
-REFUSED = Outcome.of({"error": {"kind": "refused", "message": RUNNING}})
+REFUSED = ClientResult.of({"error": {"kind": "refused", "message": RUNNING}})
 SERVICES = QoSProfile(depth=100)  # requests that wait, of many clients at once
 QOS = {
     SENSOR: qos_profile_sensor_data,
@@ -82,7 +82,7 @@ class OwnAction:
             force=list(control.estimated_n),
         )  # fmt: skip
 
-    def result(self, outcome: Outcome) -> Ros:
+    def result(self, outcome: ClientResult) -> Ros:
         return self.kind.Result(
             success=outcome.success, verdict=outcome.verdict, message=outcome.message,
             slip_distance=outcome.slip_distance_m, peak_force=list(outcome.peak_force_n),
@@ -101,7 +101,7 @@ class Fibonacci(OwnAction):
         numbers = (*control.probabilities, control.registered, *control.estimated_n)
         return self.kind.Feedback(sequence=[_thousandths(number) for number in numbers])
 
-    def result(self, outcome: Outcome) -> Ros:
+    def result(self, outcome: ClientResult) -> Ros:
         numbers = (outcome.success, outcome.slip_distance_m, *outcome.peak_force_n)
         return self.kind.Result(sequence=[_thousandths(number) for number in numbers])
 
@@ -200,7 +200,7 @@ class GraspNode:
                 child = self._slot.start(self._lifts.words(self._action.goal(handle.request)), True)
                 messages = self._follow(child, handle)
                 printed = child.result()
-                outcome = Outcome.of(printed)
+                outcome = ClientResult.of(printed)
                 self._last = outcome.verdict
                 self._problems = _problems(messages, printed.get("error"))
                 if handle.is_cancel_requested:

@@ -1,6 +1,7 @@
 """The trials of `grasp run lift` and `grasp run tap`: display, storage and report."""
 
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from datetime import datetime
@@ -31,7 +32,8 @@ from scenarios.trial.experiment import TrialContext
 from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import Failure, TrialResult
 
-TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
+QUIT, POLL_S = "q", 0.05  # of a question in a first lift
+DEFAULT_TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
 
 def start(
@@ -54,9 +56,7 @@ def start(
         lab.warn_of_slow_arm(config)
         lab.warn_of_mode(config)
     if args.first:
-        from grasp.cli.first_lift import begin_first
-
-        config = begin_first(config, permit, args)
+        config = _begin_first(config, permit, args)
         make_guard(config)
     check_weights(config)
     grip_n, limit_n = config.controller.grip_force_n, config.guard.force_limit_n
@@ -73,8 +73,44 @@ def start(
     return run_trials(args, used, permit, begin)
 
 
+def _begin_first(config: RunConfig, permit: MotionPermit | None, args: TrialsOptions) -> RunConfig:
+    """Ask, close in free air, ask again; returns the settings of the gentle lift that follows.
+    Raises UsageError on a rig without real devices, and if the person quits."""
+    from scenarios.lab.preflight import STOP_INSTRUCTIONS, close_in_free_air, gentle_settings
+
+    if permit is None or args.json or args.trials is not None or args.resume:
+        raise UsageError("--first is one supervised lift on the rig hardware, without --json, "
+                         "--trials and --resume", "leave these out, or --first")  # fmt: skip
+    slow = gentle_settings(config)
+    TerminalOperator().expect()
+    for line in STOP_INSTRUCTIONS:
+        print(f"  {line}")
+    with signals.deferred():
+        _ask("Step 1 of 2, free air: with an empty hand and the arm at rest, the fingers close to "
+             f"the grasp positions of {config.object.name} without contact")  # fmt: skip
+        moved = close_in_free_air(slow, permit, say)
+        print(f"  {moved.summary()}, as expected")
+        controller, guard = slow.controller, slow.guard
+        _ask(f"Step 2 of 2, {config.object.name}: put it, or an object as soft, between the "
+             f"fingers. The arm lifts it {controller.lift_height_m * 1e3:.0f} mm at "
+             f"{controller.lift_speed_mps * 1e3:.0f} mm/s, with at most {guard.force_limit_n:g} N "
+             "commanded per finger")  # fmt: skip
+    return slow
+
+
+def _ask(question: str) -> None:
+    """Wait for Enter; raises UsageError for other input."""
+    operator = TerminalOperator()
+    operator.say(f"{question}. Enter: continue; {QUIT}: quit")
+    while (line := operator.poll()) is None:
+        signals.check()
+        time.sleep(POLL_S)
+    if line.strip():
+        raise UsageError("quit by the operator: nothing more was moved", "start it again")
+
+
 def trials_of(args: TrialsOptions) -> int:
-    return args.trials or TRIALS[args.scenario]
+    return args.trials or DEFAULT_TRIALS[args.scenario]
 
 
 def is_single(args: TrialsOptions) -> bool:

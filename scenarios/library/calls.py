@@ -225,11 +225,9 @@ def reflex(
         ConfigError: for an unknown name, or a force limit that the hand cannot keep.
         BadFile: for a detector that cannot be loaded.
     """
-    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
-    files = [_path("config", file) for file in given if file is not None]
     limit = {} if force_limit_n is None else {"guard.force_limit_n": force_limit_n}
-    assignments = _layer({**(settings or {}), **limit})
-    return make_reflex(load_config("can", rig, detector, files, assignments, profile))
+    given = _layer({**(settings or {}), **limit})
+    return make_reflex(load_config("can", rig, detector, _files(config), given, profile))
 
 
 def _config(
@@ -249,14 +247,17 @@ def _config(
         if word is not None:
             _path(key, word)
     _check_number("seed", seed)
-    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
-    files = [_path("config", file) for file in given if file is not None]
-    chosen = loads(name, rig, detector, files, _layer(settings), profile)
+    chosen = loads(name, rig, detector, _files(config), _layer(settings), profile)
     if chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"
         )
     return chosen
+
+
+def _files(config: File | Sequence[File] | None) -> list[Path]:
+    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
+    return [_path("config", file) for file in given if file is not None]
 
 
 def _path(name: str, value: object) -> Path:

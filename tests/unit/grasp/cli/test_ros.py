@@ -10,11 +10,11 @@ from unittest.mock import Mock
 import pytest
 
 from drivers.errors import ConfigError, UsageError
-from grasp.cli import ros, ros_lifts
+from grasp.cli import ros_lifts
 from grasp.cli.child import Child
 from grasp.cli.commands import RosOptions, build_parser
 from grasp.cli.main import main
-from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
+from grasp.cli.ros_lifts import ClientResult, Goal, Lifts, Slot
 from grasp.control.controller import Decision
 from grasp.control.slip_monitor import ARMED
 from grasp.control.states import State
@@ -82,7 +82,7 @@ def test_a_settings_file_that_becomes_a_pipe_refuses_the_goal(tmp_path: Path) ->
 def test_a_client_is_told_success_only_of_a_lift_that_was_one(
     printed: dict[str, Any], success: bool, verdict: str, slip_m: float | None
 ) -> None:
-    outcome = Outcome.of({"peak_force_n": {"A": 4.0}, **printed})
+    outcome = ClientResult.of({"peak_force_n": {"A": 4.0}, **printed})
     assert (outcome.success, outcome.verdict) == (success, verdict)
     assert outcome.slip_distance_m == slip_m or math.isnan(outcome.slip_distance_m)
     assert outcome.peak_force_n[0] == 4.0 or "error" in printed
@@ -132,7 +132,7 @@ def test_real_devices_need_a_confirmation_of_the_node_itself() -> None:
 def test_a_missing_ros_is_one_line_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ros, "find_spec", lambda name: None)
+    monkeypatch.setattr(ros_lifts, "find_spec", lambda name: None)
     assert main(["ros", "--rig", "simulated"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "rclpy" in line and "source a ROS 2" in line and "grasp-controller[ros]" in line
