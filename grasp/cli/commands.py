@@ -3,6 +3,7 @@ takes these options and implements it, in the module from ``main.module_of``: `g
 is ``devices.gripper_step``."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, get_args
@@ -70,6 +71,21 @@ class TrialsOptions(RunOptions):
     view: Annotated[bool, "show the run on a local web page"] = False
     keep = first = False
     feed: int | None = None
+
+    @property
+    def number(self) -> int:
+        """Number of trials."""
+        return self.trials or (20 if self.scenario == "tap" else 1)  # taps: paper, section V-B
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one lift, without a file of rows."""
+        return self.scenario == "lift" and self.trials is None and self.out is None
+
+    @property
+    def asked(self) -> bool:
+        """Whether an operator is asked on real devices: not by a single lift of a script."""
+        return not self.single or (sys.stdin is not None and sys.stdin.isatty())
 
 
 class LiftOptions(TrialsOptions, command="run lift",

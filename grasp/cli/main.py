@@ -19,7 +19,7 @@ from grasp.run import signals
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
     **dict.fromkeys(("status", "gripper", "arm", "release"), "devices"),
-    "ros": "ros_lifts", "dataset": "training", "detector train": "training", "tactile": "calibrate",
+    "dataset": "training", "detector train": "training", "tactile": "calibrate",
 }  # fmt: skip
 
 

@@ -8,7 +8,6 @@ from grasp.cli import exits
 from grasp.cli.commands import AcquireOptions, RunOptions, TrialsOptions
 from grasp.cli.lab import say
 from grasp.cli.output import show
-from grasp.cli.trials import is_asked, trials_of
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.press import TOUCH_N, StrokeMotion
 from scenarios.acquire.session import RETREAT_MPS, TOUCH_TIMEOUT_S, counts_per_newton
@@ -75,7 +74,7 @@ def plan(config: TrialConfig, args: TrialsOptions) -> list[str]:
     """Motions and questions of a lift or a series of taps, in order."""
     controller, limit_n, known = config.controller, config.guard.force_limit_n, calibration(config)
     closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
-    lift, asked, trials = args.scenario == "lift", is_asked(args), trials_of(args)
+    lift, asked, trials = args.scenario == "lift", args.asked, args.number
     up_mm = controller.retreat_m * 1e3
     retreat = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
     lower_mmps = controller.lower_speed_mps * 1e3

@@ -1,10 +1,9 @@
-"""`grasp ros`: the lifts that a ROS 2 node may start, and their command lines."""
+"""The lifts that a ROS 2 node may start, and their command lines."""
 
 import math
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,8 +19,6 @@ from scenarios.campaign.config import RunConfig, load_lift
 from scenarios.rigs.calibration import calibration, config_files
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.execution import make_guard
-
-REMEDY = "source a ROS 2 installation, or pip install 'grasp-controller[ros]'"
 
 
 class Goal(NamedTuple):
@@ -152,15 +149,3 @@ class Lifts:
             goal.object or args.object, args.rig, args.detector, args.config, args.set,
             goal.profile or args.profile,
         )  # fmt: skip
-
-
-def ros(args: RosOptions) -> int:
-    lifts = Lifts(args)
-    if find_spec("rclpy") is None:
-        raise UsageError("no ROS 2: the Python package rclpy was not found", REMEDY)
-    try:
-        from grasp.cli import ros_node
-    except ImportError as error:
-        problem = f"rclpy cannot be imported: {error}"
-        raise UsageError(problem, "run grasp with the Python of the ROS installation") from None
-    return ros_node.run(lifts)

@@ -33,7 +33,6 @@ from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import Failure, TrialResult
 
 QUIT, POLL_S = "q", 0.05  # of a question in a first lift
-DEFAULT_TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
 
 def start(
@@ -109,19 +108,6 @@ def _ask(question: str) -> None:
         raise UsageError("quit by the operator: nothing more was moved", "start it again")
 
 
-def trials_of(args: TrialsOptions) -> int:
-    return args.trials or DEFAULT_TRIALS[args.scenario]
-
-
-def is_single(args: TrialsOptions) -> bool:
-    return args.scenario == "lift" and args.trials is None and args.out is None
-
-
-def is_asked(args: TrialsOptions) -> bool:
-    """Whether an operator is asked on real devices; a script may start a single lift without."""
-    return not is_single(args) or (sys.stdin is not None and sys.stdin.isatty())
-
-
 def is_paced(args: RunOptions) -> bool:
     watched = args.view or (sys.stdout.isatty() and not args.json)
     return args.pace == "real" or (args.pace is None and watched)
@@ -134,8 +120,8 @@ def run_trials(
     begin: Callable[[], None],
 ) -> int:
     """Run lifts or taps. ``config``: of the scenario. ``begin``: called once checks have passed."""
-    single = is_single(args)
-    series = TrialSeries(args.scenario, config, args.seed, trials_of(args))
+    single = args.single
+    series = TrialSeries(args.scenario, config, args.seed, args.number)
     if config.controller.keep and series.trials > 1:
         problem = "--keep (controller.keep) keeps holding one object, so only one trial is possible"
         raise UsageError(problem, "leave it out, or use --trials 1")
@@ -167,7 +153,7 @@ def _follow(
     result."""
     config, of = series.config, series.trials
     operator = None
-    if config.rig == "hardware" and is_asked(args):
+    if config.rig == "hardware" and args.asked:
         operator = TerminalOperator()
         operator.expect()
     title = f"{args.scenario} · {config.object.name} · {config.rig} rig"

@@ -72,7 +72,8 @@ def lift(
             a replay can load again; None: the profile's.
         profile: a name in `config/profiles`.
         config: a TOML file that overrides the packaged settings, or several in order.
-        settings: single values that override the files, as `{"object.mass_kg": 0.3}`.
+        settings: values that override the files, as `{"object.mass_kg": 0.3}` or
+            `{"object": {"mass_kg": 0.3}}`.
         runs: parent of the run's folder; None: a temporary folder, deleted with the result.
 
     Raises:

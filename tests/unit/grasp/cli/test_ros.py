@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import pytest
 
 from drivers.errors import ConfigError, UsageError
-from grasp.cli import ros_lifts
+from grasp.cli import ros, ros_lifts
 from grasp.cli.child import Child
 from grasp.cli.commands import RosOptions, build_parser
 from grasp.cli.main import main
@@ -132,7 +132,7 @@ def test_real_devices_need_a_confirmation_of_the_node_itself() -> None:
 def test_a_missing_ros_is_one_line_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ros_lifts, "find_spec", lambda name: None)
+    monkeypatch.setattr(ros, "find_spec", lambda name: None)
     assert main(["ros", "--rig", "simulated"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "rclpy" in line and "source a ROS 2" in line and "grasp-controller[ros]" in line
