@@ -31,10 +31,10 @@ def test_response_closes_by_position_at_full_speed_then_slowly_to_the_force_limi
     trial = staged.run(in_phase(State.SET_DOWN), fault.interrupt)
     first, second = stages(staged.ticks)
     assert (first.first_stage, first.speed_mps) == (True, 0.11)
-    assert 55 < first.limits_counts[0] < 60
-    assert (second.first_stage, second.speed_mps, second.limits_counts[0]) == (False, 0.022, 255)
+    assert 55 < first.ends_counts[0] < 60
+    assert (second.first_stage, second.speed_mps, second.ends_counts[0]) == (False, 0.022, 255)
     asked = next(t for t in staged.ticks if any(i.admitted == second for i in t.issued))
-    assert asked.gripper.positions[0] == first.limits_counts[0]
+    assert asked.gripper.positions[0] == first.ends_counts[0]
     assert trial.controller.response.closings == 1
     assert trial.controller.state is State.SET_DOWN
 
