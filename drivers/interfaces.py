@@ -181,7 +181,7 @@ class Gripper(Protocol):
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],
-        limits_counts: Counts3,
+        ends_counts: Counts3,
         speed_mps: float,
     ) -> Applied: ...
 

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -163,19 +163,27 @@ def file_of(kind: str, word: str) -> Path:
 
 def assignment_layer(assignments: Sequence[str]) -> Layer:
     """Layer of `section.key=value` words of the command line; a value is TOML, else plain text."""
-    table: Table = {}
+    pairs = []
     for text in assignments:
         key, equals, value = text.partition("=")
-        *sections, last = key.strip().split(".")
-        if not equals or not all((*sections, last)):
+        if not equals or not all(key.strip().split(".")):
             raise ConfigError("--set", text, "not an assignment", "section.key=value")
+        pairs.append((key.strip(), _value(key, value.strip())))
+    return layer_of("--set", pairs)
+
+
+def layer_of(source: str, values: Iterable[tuple[str, Any]]) -> Layer:
+    """Layer of values by their dotted names; the value of a section is a mapping."""
+    table: Table = {}
+    for name, value in values:
+        *sections, last = name.split(".")
         node = table
         for section in sections:
             node = node.setdefault(section, {})
             if not isinstance(node, dict):
-                raise ConfigError("--set", key, "is both a value and a section", "one of them")
-        node[last] = _value(key, value.strip())
-    return checked(Layer("--set", table))
+                raise ConfigError(source, name, "is both a value and a section", "one of them")
+        node[last] = value
+    return checked(Layer(source, table))
 
 
 def _value(key: str, text: str) -> Any:

@@ -129,7 +129,7 @@ def trial(task: Task) -> Row:
     return Row(
         seed=task.seed, object=body.name, set_down=not config.controller.keep,
         outcome=result.outcome, cause=result.phases[-1].cause,
-        least_n=body.total_kg * accelerated / (2 * body.friction_kinetic),
+        least_n=body.least_holding_n(accelerated),
         slip_mm=None if slip_m is None else 1e3 * slip_m,
         peak_n=max(result.peak_force_n.values()), limit_n=limit_n,
         bound_n=limit_n + config.guard.overshoot_n,

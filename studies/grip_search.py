@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import UsageError
 from drivers.interfaces import Counts3
-from grasp.cli.options import OBJECT_HELP, decimal, share, whole
+from grasp.cli.options import OBJECT_HELP, Settings, decimal, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
@@ -95,7 +95,7 @@ def options(parser: Parser) -> None:
                         help="of the variation between trials (default: %(default)s)")  # fmt: skip
     parser.add_argument("--verify", type=whole(0, 10_000), default=5, metavar="N",
                         help="lifts without slip response; each must slip")  # fmt: skip
-    share(parser, "config set")
+    Settings.add_to(parser)
 
 
 def grid(args: argparse.Namespace) -> list[Task]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from grasp.cli.options import share
+from grasp.cli.options import Pool
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.settings import file_of
@@ -69,7 +69,7 @@ class Run(msgspec.Struct, frozen=True):
         """Rows of a study; those stored are not run again."""
         study, parser = import_module(f"studies.{name}").STUDY, Parser(prog=name)
         study.options(parser)
-        share(parser, "jobs cluster")
+        Pool.add_to(parser)
         options = f"{self.settings.studies[name]} {words} --jobs {jobs or self.jobs}"
         args = parser.parse_args(shlex.split(options))
         return runner.run(study, study.grid(args), args, self.folder)

@@ -15,11 +15,11 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli.options import share, whole, workers
+from grasp.cli.options import Pool, Settings, whole
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.files import save_figure, write_whole
-from scenarios.rigs.workers import results
+from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
 Task = TypeVar("Task", bound=msgspec.Struct)
@@ -56,7 +56,7 @@ def add_trials(parser: Parser, seeds: int, objects: Sequence[str] = PAPER_OBJECT
                         help="trials a combination (default: %(default)s)")  # fmt: skip
     parser.add_argument("--first-seed", type=whole(0, 10**9), default=0, metavar="N")
     parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
-    share(parser, "config set")
+    Settings.add_to(parser)
 
 
 def seeds_of(args: argparse.Namespace) -> range:
@@ -80,7 +80,7 @@ def main(name: str, study: Study[Any, Any], words: Sequence[str]) -> int:
                         help="folder of the result; its stored rows are not run again "
                         "(default: %(default)s)")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print rows as JSON lines")
-    share(parser, "jobs cluster")
+    Pool.add_to(parser)
     args = parser.parse_args(words)
     rows = run(study, study.grid(args), args, args.out)
     text = study.table(rows)
@@ -109,7 +109,9 @@ def run(
     with path.open("a", encoding="utf-8") as file, progress(study.counted) as show:
         if not stored:
             file.write(json.dumps({"versions": versions()}) + "\n")
-        for done, (key, row) in enumerate(results(work, missing, workers(args)), 1):
+        for done, (key, row) in enumerate(
+            results(work, missing, Workers(args.jobs, args.cluster)), 1
+        ):
             text = json.dumps({"task": key, "row": msgspec.to_builtins(row)})
             file.write(text + "\n")
             file.flush()

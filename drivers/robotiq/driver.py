@@ -156,7 +156,7 @@ class RobotiqDriver:
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],
-        limits_counts: Counts3,
+        ends_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
         """Close some fingers to their limits, with at most a force; the others keep their position.
@@ -165,7 +165,7 @@ class RobotiqDriver:
         are uncertain, it continues to its last target, no faster than before.
         """
         byte = self._calibration.byte_at_most(force_limit_n)
-        limits = checked_counts(limits_counts)
+        limits = checked_counts(ends_counts)
         held = self._hold_targets(self._known_state())
         targets = closing_targets(closing, limits, held)
         if self._hand.positions_uncertain:

@@ -26,16 +26,12 @@ class EchoWatch:
         self._own_echoes: set[Echo] = set()  # possible until the last write is taken up
         self._foreign_echo: Echo | None = None  # echo of another client's write
         self._stationary: tuple[bool, ...] = ()  # each finger, in the last status
+        self.moving = False  # a finger moved in the last status
         self._echo_will_change = False
-        self._taken: StatusRegisters | None = None  # the last status that was compared
+        self.compared: StatusRegisters | None = None  # the last status that was compared
         self.current = True  # the status is known to reflect the last write
         self.unconfirmed = False  # no status has reflected the last write yet
         self.overwritten = ""  # first sign of another client's write since it was cleared
-
-    @property
-    def moving(self) -> bool:
-        """Whether a finger moved in the last status."""
-        return False in self._stationary
 
     @property
     def motion_commanded(self) -> bool:
@@ -45,10 +41,6 @@ class EchoWatch:
     def refreshed_twice(self, now_ns: int) -> bool:
         """Whether the device has refreshed its registers twice since the last write."""
         return now_ns - self.written_ns >= 2 * self._refresh_ns
-
-    def known(self, status: StatusRegisters) -> bool:
-        """Whether an equal status has confirmed the last write already."""
-        return status is self._taken and self.current
 
     def forget(self) -> None:
         """Expect nothing any more: nothing is requested."""
@@ -71,8 +63,9 @@ class EchoWatch:
         a, b, c = status.a, status.b, status.c
         were_stationary = self._stationary
         self._stationary = (a.detection != 0, b.detection != 0, c.detection != 0)
+        self.moving = False in self._stationary
         was_current = self.current  # false after a new write
-        self._taken, self._echo = status, (int(status.go_to), a.echo, b.echo, c.echo)
+        self.compared, self._echo = status, (int(status.go_to), a.echo, b.echo, c.echo)
         expected = self._expected_echo()
         conclusive = was_current or self._echo_will_change or self.refreshed_twice(now_ns)
         self.current = conclusive and expected == self._echo

@@ -118,7 +118,8 @@ class Exchange:
     @property
     def confirmed(self) -> bool:
         """Whether everything requested was written and the status reflects it."""
-        return self.watch.current and self.all_written and not self.lost
+        written = self._image == self._written_image
+        return self.watch.current and written and not self.lost
 
     def settled(self, now_ns: int) -> bool:
         """Whether everything requested was written two register refreshes ago or earlier."""
@@ -137,7 +138,8 @@ class Exchange:
             status = self._read(now_ns)
             if status is None:
                 return None
-            rewrite = not self.watch.known(status) and self._update_confirmation(status, now_ns)
+            confirmed = status is self.watch.compared and self.watch.current  # by an equal status
+            rewrite = not confirmed and self._update_confirmation(status, now_ns)
             if rewrite and not self.lost and self._write_due(now_ns):
                 self._write(now_ns)
             elif self.watch.moving:
@@ -151,7 +153,7 @@ class Exchange:
         return status
 
     def _write_due(self, now_ns: int) -> bool:
-        if self._image is None or self.all_written:
+        if self._image is None or self._image == self._written_image:
             return False
         # a write that stops the hand does not wait for the interval
         return self.requested == RESET or now_ns - self.watch.written_ns >= self._interval_ns

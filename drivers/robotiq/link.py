@@ -212,12 +212,12 @@ class ThreadedGripper:
         self,
         force_limit_n: float,
         closing: tuple[bool, bool, bool],
-        limits_counts: Counts3,
+        ends_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
-        targets = closing_targets(closing, limits_counts, self._positions)
+        targets = closing_targets(closing, ends_counts, self._positions)
         request = Applied(targets, speed_mps, force_limit_n, note=_DEFERRED_NOTE)
-        limits = force_limit_n, closing, limits_counts, speed_mps
+        limits = force_limit_n, closing, ends_counts, speed_mps
         return self._command(lambda: self._core.close_to_limit(*limits), request)
 
     def hold(self) -> Applied:

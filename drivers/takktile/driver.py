@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceFault, Refused, on_failure
 from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Codes, Reading, Receiver, TakkTileStatistics
+from drivers.takktile.receiver import Codes, Reading, Receiver
 from drivers.takktile.settings import (
     REST_REFERENCE_TOLERANCE_COUNTS,
     REST_SAMPLES,
@@ -100,6 +100,7 @@ class TakkTileDriver:
         # (3, taxels) codes of the last good sample, also before rest; None before that
         self.latest_raw: Codes | None = None
         self._link, self._receiver, self._settings = link, link.receiver, settings
+        self.statistics = link.receiver.statistics
         self._max_age_ns = round(settings.max_age_ms * 1e6)
         self._cells = 0
         self._order = np.zeros((FINGERS, settings.taxels), np.intp)  # of taxels in the bulk frame
@@ -138,10 +139,6 @@ class TakkTileDriver:
     @property
     def rest_taken(self) -> bool:
         return self._rest is not None
-
-    @property
-    def statistics(self) -> TakkTileStatistics:
-        return self._receiver.statistics
 
     def begin_rest(self) -> None:
         self._clear_rest()

@@ -153,7 +153,7 @@ class Receiver:
     def next_sample_ns(self) -> int:
         """Sample time of the running conversion, which the latest read started; 0 while no board
         is open."""
-        return self.conversion_start_ns + self._delay_ns if self.is_open else 0
+        return 0 if self._usb is None else self.conversion_start_ns + self._delay_ns
 
     def take(self) -> Readings:
         with self._lock:

@@ -1,6 +1,5 @@
 """`grasp benchmark`: score detectors with the fixed protocol."""
 
-import argparse
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -8,10 +7,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from detector.loading import DETECTORS, SECTIONS
 from detector.recordings import Recording
 from drivers.errors import UsageError
 from grasp.cli import exits
+from grasp.cli.commands import BenchmarkOptions
 from grasp.cli.detector import check_named, warn_of_untuned_rule
 from grasp.cli.options import check_writable, workers
 from grasp.cli.output import progress, show
@@ -24,9 +26,7 @@ HEADINGS = (
 )  # fmt: skip
 
 
-def benchmark(args: argparse.Namespace) -> int:
-    import msgspec
-
+def benchmark(args: BenchmarkOptions) -> int:
     from scenarios.acquire.config import layout_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
     from scenarios.benchmark.run import Benchmark, costs_of
@@ -94,7 +94,7 @@ def _busy(holder: Holder | None) -> UsageError:
     return UsageError(f"another benchmark writes to this folder{who}", "wait, or give --out")
 
 
-def _check_settings(args: argparse.Namespace) -> None:
+def _check_settings(args: BenchmarkOptions) -> None:
     """Raise UsageError for settings of the user that the protocol fixes."""
     from scenarios.rigs.calibration import user_layers
 
@@ -131,8 +131,8 @@ def _configs(names: Sequence[str], files: Sequence[Path], assignments: Sequence[
     return configs
 
 
-def _command(args: argparse.Namespace, names: list[str]) -> str:
-    options = [("--split", args.split)]
+def _command(args: BenchmarkOptions, names: list[str]) -> str:
+    options: list[tuple[str, str]] = [("--split", args.split)]
     options += [("--layout", args.layout)] if args.layout else []
     options += [("--config", str(path)) for path in args.config or ()]
     options += [("--set", text) for text in args.set]

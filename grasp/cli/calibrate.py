@@ -1,31 +1,34 @@
 """`grasp calibrate`: measure counts, force bytes and noise on real devices and write them into
 files. `grasp tactile`: show fingertip measurements and the wiring of their board."""
 
-import argparse
 import math
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 
+from detector.decision import RuleSettings
+from detector.scores.label_free import CalibratedRule, find_hold
 from drivers.errors import ConfigError, UsageError
-from drivers.takktile.emulator.bus import backend
-from drivers.takktile.identify import watch
+from drivers.takktile.emulator.bus import EmulatedBus, backend
+from drivers.takktile.identify import TaxelPress, watch
 from drivers.takktile.link import UsbLink
+from grasp.cli import device_commands as commands
 from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
 from grasp.cli.options import check_new
 from grasp.cli.output import print_status, show
 from grasp.cli.questions import TerminalOperator, confirm
 from grasp.files import write_whole
-from scenarios.campaign.config import load_config, load_for_devices
+from scenarios.campaign.config import RunConfig, load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import hand_guard
 from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.config import HARDWARE
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.wired import ANY_BOARD
+from scenarios.trial.operator_prompts import Operator
 
 ON_SCALE = (
     "One finger presses on a scale, harder than the force limit of a run. Is only that fingertip "
@@ -36,9 +39,11 @@ WATCH_S, REST_S = 3600.0, 5.0
 LEAST_FALL_COUNTS = 20  # of a press: half a newton; an unloaded taxel varies by one or two
 PRESSES = 10  # with force byte 0
 
+Act = Callable[[MotionPermit | None, Operator], str]
 
-def calibrate_force(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+
+def calibrate_force(args: commands.ForceOptions) -> int:
+    config = lab.hardware_config(args)
     check_new(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
 
@@ -46,7 +51,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
         preflight.check_rest(config)
         return "move nothing"
 
-    def act(permit: Any, operator: Any) -> str:
+    def act(permit: MotionPermit | None, operator: Operator) -> str:
         fingers = "ABC" if args.finger == "all" else args.finger
         return calibrate.calibrate_force(
             config, fingers, up_to_n, operator, print_status, args.note
@@ -55,8 +60,8 @@ def calibrate_force(args: argparse.Namespace) -> int:
     return _measure(args, config, look, look, act, moves=False)
 
 
-def calibrate_hand(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def calibrate_hand(args: commands.HandOptions) -> int:
+    config = lab.hardware_config(args)
     check_new(args.out)
     calibrate.check_force(args.up_to)
 
@@ -71,7 +76,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
         lab.warn_of_mode(config)
         return plan()
 
-    def act(permit: Any, operator: Any) -> str:
+    def act(permit: MotionPermit | None, operator: Operator) -> str:
         return calibrate.calibrate_hand(
             config, permit, args.finger, PRESSES, args.up_to, operator, print_status, args.note
         )
@@ -86,14 +91,15 @@ def calibrate_hand(args: argparse.Namespace) -> int:
                       f"[controller]\ngrip_force_n = {least_n}")  # fmt: skip
         return lines
 
-    return _measure(args, config, plan, look, act, on_scale=True, afterwards=how_to_use)
+    return _measure(
+        args, config, plan, look, act, lambda: confirm(ON_SCALE, "scale", args.scale), how_to_use
+    )
 
 
-def calibrate_noise(args: argparse.Namespace) -> int:
-    from detector.scores.label_free import find_hold
+def calibrate_noise(args: commands.NoiseOptions) -> int:
     from scenarios.benchmark.label_free import tune_without_labels
 
-    config = lab.load_config(args)
+    config = lab.hardware_config(args)
     detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
     lab.warn_of_weak_calibration(config.calibration)
@@ -108,7 +114,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
         lab.warn_of_mode(config)
         return plan()
 
-    def act(permit: Any, operator: Any) -> str:
+    def act(permit: MotionPermit | None, operator: Operator) -> str:
         counts = calibrate.record_still_object(config, permit, args.seconds, operator, print_status)
         found = tune_without_labels(detector_config, [(counts, *find_hold(counts))], args.budget)
         return _rule_file(args, found, detector_config.rule)
@@ -117,24 +123,23 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
 
 def _measure(
-    args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
-    act: Callable[[Any, Any], str], on_scale: bool = False, moves: bool = True,
-    afterwards: Callable[[str], str] = lambda text: "",
+    args: commands.CalibrateOptions, config: RunConfig, plan: Callable[[], str],
+    look: Callable[[], str], act: Act, ask_more: Callable[[], None] = lambda: None,
+    afterwards: Callable[[str], str] = lambda text: "", moves: bool = True,
 ) -> int:  # fmt: skip
     """Run a measurement with an operator. ``act`` returns the text of the file, which is written
-    and shown. ``on_scale``: a finger presses on a scale; ``afterwards``: how to use the file."""
+    and shown. ``ask_more`` asks more before a motion; ``afterwards``: how to use the file."""
     operator = TerminalOperator()
 
     def ask() -> None:
         if moves:
             lab.warn_of_mode(config)
-            if on_scale:
-                confirm(ON_SCALE, "scale", args.scale)
+            ask_more()
         operator.expect()
         if moves:
             lab.say(f"will {plan()}")
 
-    def run(permit: Any) -> lab.Done:
+    def run(permit: MotionPermit | None) -> lab.Done:
         text = act(permit, operator)
         write_whole(args.out, text.encode())
         if usage := afterwards(text):
@@ -144,10 +149,11 @@ def _measure(
     return lab.perform(args, config, plan, look, run, ask, moves)
 
 
-def _rule_file(args: argparse.Namespace, found: Any, configured: Any) -> str:
+def _rule_file(args: commands.NoiseOptions, found: CalibratedRule, configured: RuleSettings) -> str:
     """Text of the file. The threshold is never below the ``configured`` one, because a hand at rest
     gives no data on closing, lifting or taps."""
-    name, levels = "threshold", (found.level, *found.interval)
+    name = "threshold"
+    levels: tuple[float, ...] = found.level, *found.interval
     if configured.kind == "cusum":
         name = "limit"
     else:  # of a probability; the levels are log-odds
@@ -169,14 +175,14 @@ def _rule_file(args: argparse.Namespace, found: Any, configured: Any) -> str:
     return "\n".join(lines) + "\n"
 
 
-def tactile_watch(args: argparse.Namespace) -> int:
+def tactile_watch(args: commands.WatchOptions) -> int:
     if args.rest:
         return _measure_rest(args)
     if args.out is not None:
         raise UsageError("--out writes the rest codes and needs --rest", "add --rest")
     report, seconds, most = None, 0, args.seconds or WATCH_S
     with suppress(KeyboardInterrupt):  # what was measured before is reported
-        for report in fingertips.watch(lab.load_config(args), most):
+        for report in fingertips.watch(lab.hardware_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
                 print(report.summary(), flush=True)
@@ -185,9 +191,9 @@ def tactile_watch(args: argparse.Namespace) -> int:
     return show(args, {**msgspec.to_builtins(report), "exit_code": 0}, report.table())
 
 
-def _measure_rest(args: argparse.Namespace) -> int:
+def _measure_rest(args: commands.WatchOptions) -> int:
     check_new(args.out)
-    report, text = fingertips.rest_file(lab.load_config(args), args.seconds or REST_S)
+    report, text = fingertips.rest_file(lab.hardware_config(args), args.seconds or REST_S)
     if args.out is not None:
         write_whole(args.out, text.encode())
     if not args.json:
@@ -196,10 +202,10 @@ def _measure_rest(args: argparse.Namespace) -> int:
     return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
 
 
-def tactile_identify(args: argparse.Namespace) -> int:
+def tactile_identify(args: commands.IdentifyOptions) -> int:
     config = load_for_devices("can", HARDWARE, args.config, args.set)
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
-    strongest: dict[tuple[int, int], Any] = {}
+    strongest: dict[tuple[int, int], TaxelPress] = {}
     last, whole = None, False
     link = UsbLink.find(named or None, _bus(args.url or config.usb.url))
     watched = watch(link, config.tactile, args.seconds, lambda: print_status(
@@ -227,7 +233,7 @@ def tactile_identify(args: argparse.Namespace) -> int:
     return show(args, {"presses": presses, "exit_code": code}, text, code)
 
 
-def _bus(url: str) -> Any:
+def _bus(url: str) -> EmulatedBus | None:
     """pyusb back end of an emulated board, or None for this machine's USB."""
     if not url:
         return None
@@ -237,7 +243,7 @@ def _bus(url: str) -> Any:
         raise ConfigError("--url", url, str(error), "tcp://HOST:PORT") from error
 
 
-def _taxel(press: Any) -> str:
+def _taxel(press: TaxelPress) -> str:
     cell = f"row {press.row}, column {press.column}"
     if press.finger is None:
         return f"cell of no finger (not in `cells`): {cell}"

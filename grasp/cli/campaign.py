@@ -1,12 +1,10 @@
 """`grasp campaign`: run a grid of trials in parallel; summary as in the paper's Table IV."""
 
-import argparse
 import json
 import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -15,11 +13,12 @@ from rich.table import Column, Table
 from detector.scores.quantiles import Quantiles
 from drivers.errors import UsageError, one_line
 from grasp.cli import exits
-from grasp.cli.options import workers
+from grasp.cli.commands import CampaignRunOptions
+from grasp.cli.options import Json, workers
 from grasp.cli.output import print_json, progress
 from grasp.settings import file_of
 from scenarios.campaign.config import load_config
-from scenarios.campaign.run import default_path, run
+from scenarios.campaign.run import Progress, default_path, run
 from scenarios.campaign.spec import CampaignSpec, read_spec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import (
@@ -43,8 +42,8 @@ CAPTION = (
 OF_LIFTS = ", or lost; x+y: % that slipped at most 6 cm + 6 to 12 cm"
 
 
-def _spec(args: argparse.Namespace) -> CampaignSpec:
-    changes: dict[str, Any] = {}
+def _spec(args: CampaignRunOptions) -> CampaignSpec:
+    changes: dict[str, object] = {}
     if args.detector is not None:
         changes["detectors"] = (args.detector,)
     if args.profile is not None:
@@ -72,14 +71,15 @@ def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
     load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
 
 
-def campaign_run(args: argparse.Namespace) -> int:
+def campaign_run(args: CampaignRunOptions) -> int:
     spec = _spec(args)
-    out, last = args.out or default_path(spec), None
+    out = args.out or default_path(spec)
+    last: Progress | None = None
     if not is_compiled():
         exits.print_detail(COMPILING)
     with progress(spec.name, hidden=args.json) as bar:
 
-        def report(at: Any) -> None:
+        def report(at: Progress) -> None:
             nonlocal last
             last = at
             good = f", {at.successes / at.new:.0%} succeeded" if at.new else ""
@@ -99,7 +99,7 @@ def campaign_run(args: argparse.Namespace) -> int:
     return exits.TRIAL_FAILED if ended.errors else exits.SUCCESS
 
 
-def show_summary(args: argparse.Namespace, path: Path) -> int:
+def show_summary(args: Json, path: Path) -> int:
     with CampaignStore.open(path) as store:
         found = summarize(store.spec.name, store.rows())
     if args.json:

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
 
 import msgspec
 
+from grasp.cli.output import JsonObject
 from grasp.control.fault import INTERNAL, INTERRUPTED
 from scenarios.report.step_feed import Begin, Step
 
@@ -65,7 +65,7 @@ class Child:
             with suppress(msgspec.MsgspecError):
                 yield LINE.decode(line)
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> JsonObject:
         """Wait for the end, and return what the command printed; an object with `error` if that is
         no JSON."""
         code = self._process.wait()
@@ -74,7 +74,7 @@ class Child:
         with self._out:
             self._out.seek(0)
             try:
-                return msgspec.json.decode(self._out.read(), type=dict[str, Any])
+                return msgspec.json.decode(self._out.read(), type=JsonObject)
             except msgspec.DecodeError:
                 message = f"the process ended with exit code {code}"
                 kind = INTERRUPTED if self._stopped else INTERNAL

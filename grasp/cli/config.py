@@ -1,10 +1,8 @@
 """`grasp config`: print every setting with its value, allowed range and source, or check the
 user's files."""
 
-import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -12,21 +10,22 @@ from drivers.errors import GraspError, UsageError
 from grasp import settings
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, warn_of_untuned_rule
-from grasp.cli.output import show
+from grasp.cli.device_commands import ConfigOptions
+from grasp.cli.output import JsonObject, show
 from scenarios.campaign.config import RunConfig, load_config, load_for_devices
 from scenarios.rigs.calibration import user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import check_read, trial_layers
 
 
-def config(args: argparse.Namespace) -> int:
-    if not any(settings.is_path(word) for word in args.section):
+def config(args: ConfigOptions) -> int:
+    if not any(settings.is_path(word) for word in args.sections):
         return _show(args)
     if args.json:
         raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
     default = settings.named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     code, detector = exits.SUCCESS, args.detector or str(default)
-    for word in args.section:
+    for word in args.sections:
         try:
             print(f"{word}: {_checked(word, detector)}")
         except GraspError as error:
@@ -44,7 +43,7 @@ def _checked(word: str, detector: str) -> str:
     return _kind(path, table, detector)
 
 
-def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
+def _kind(path: Path, table: JsonObject, detector: str) -> str:
     from scenarios.acquire.config import AcquireConfig, load_acquire_config
     from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
     from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
@@ -76,18 +75,18 @@ def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
     return f"settings for --config, {', '.join(keys)}"
 
 
-def _show(args: argparse.Namespace) -> int:
+def _show(args: ConfigOptions) -> int:
     chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = load_config(*chosen)
     check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
-    for word in args.section:
+    for word in args.sections:
         if word not in sections:
             hint = settings.suggestion(word, sections)
             remedy = f"a .toml file, or one of: {', '.join(sections)}"
             raise UsageError(f"no such file or section: {word!r}{hint}", remedy)
-    shown = args.section or sections
+    shown = args.sections or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):
         warn_of_untuned_rule(config, layers)

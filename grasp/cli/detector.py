@@ -1,12 +1,11 @@
 """`grasp detector`: score and tune slip detectors, show their cards; check the decision rule of a
 user's network."""
 
-import argparse
 import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -19,13 +18,19 @@ from detector.recordings import Recording
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
-from grasp.cli.options import check_writable
+from grasp.cli.commands import CardOptions, EvaluateOptions, TuneOptions
+from grasp.cli.options import Json, check_writable
 from grasp.cli.output import listing, progress, show
-from grasp.settings import config_dir, named_layer, names, sources_of, suggestion
+from grasp.settings import Layer, config_dir, named_layer, names, sources_of, suggestion
 from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
-from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.rigs.calibration import Files
+from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.layers import trial_layers
+
+if TYPE_CHECKING:
+    from detector.scores.evaluation import Evaluation
+    from scenarios.benchmark.score_file import DetectorScores
 
 FEW_SLIPS = 50  # with fewer the recall is uncertain: +/- 14 points at a recall of a half
 LOW_RECALL = 0.5
@@ -56,7 +61,7 @@ OF_CARD = {
 }
 
 
-def detector_evaluate(args: argparse.Namespace) -> int:
+def detector_evaluate(args: EvaluateOptions) -> int:
     from scenarios.benchmark.data_sets import read_labelled
     from scenarios.benchmark.score_file import BEGINS
     from scenarios.benchmark.scoring import contender, read_split
@@ -88,11 +93,11 @@ def detector_evaluate(args: argparse.Namespace) -> int:
     if not args.json:
         print(legend(OF_SCORES | OF_IMPACTS))
     if args.out is not None:
-        _keep(args, data, kept)
+        _keep(args, args.out, data, kept)
     return exits.SUCCESS
 
 
-def warn(args: argparse.Namespace, recordings: Sequence[Recording]) -> list[str]:
+def warn(args: Json, recordings: Sequence[Recording]) -> list[str]:
     """Print, unless under --json, a warning for each suspicious property; returns the lines."""
     found = [line for recording in recordings for line in suspicions(recording)]
     for line in [] if args.json else found:
@@ -100,7 +105,7 @@ def warn(args: argparse.Namespace, recordings: Sequence[Recording]) -> list[str]
     return found
 
 
-def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
+def _keep(args: EvaluateOptions, out: Path, data: str, kept: list["DetectorScores"]) -> None:
     from scenarios.benchmark.score_file import ScoreFile, Source, write_scores
     from scenarios.trial.result import versions
 
@@ -112,15 +117,16 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
     command = shlex.join(words)
     source = Source(data, args.split if args.data else "", args.label)
     file = ScoreFile(source=source, command=command, versions=versions(), detectors=kept)
-    write_scores(args.out, file)
+    write_scores(out, file)
     if not args.json:
-        print(args.out)
+        print(out)
 
 
-def scores_text(sheet: Any, rule: Any) -> str:
+def scores_text(sheet: "Evaluation", rule: RuleSettings) -> str:
     """The figures of an evaluation, with the decision rule."""
     figures = sheet.figures.items()
-    shown = {name: f.value for name, f in figures} | {"confusion": sheet.confusion}
+    shown: dict[str, object] = {name: f.value for name, f in figures}
+    shown["confusion"] = sheet.confusion
     shown["intervals"] = {name: (f.low, f.high) for name, f in figures if f.low is not None}
     return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(shown)}"
 
@@ -130,12 +136,12 @@ def legend(keys: dict[str, str]) -> str:
     return "\n".join(["meaning of the keys:", *(f"  {key}: {text}" for key, text in keys.items())])
 
 
-def detector_tune(args: argparse.Namespace) -> int:
+def detector_tune(args: TuneOptions) -> int:
     check_named([args.detector], args.config, args.set)
     return _tune_unlabelled(args) if args.unlabelled else _tune_labelled(args)
 
 
-def _tune_labelled(args: argparse.Namespace) -> int:
+def _tune_labelled(args: TuneOptions) -> int:
     from scenarios.benchmark.scoring import (
         contender,
         evidence,
@@ -180,7 +186,7 @@ def check_testable(minutes: float, budget: float, more: str) -> None:
                          f"give {more}, or a greater --budget")  # fmt: skip
 
 
-def _tune_unlabelled(args: argparse.Namespace) -> int:
+def _tune_unlabelled(args: TuneOptions) -> int:
     from scenarios.benchmark.label_free import read_hold, tune_without_labels
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
@@ -194,18 +200,18 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
     return show(args, found, _rule_text(lines, found.rule))
 
 
-def _rule_text(comments: Sequence[str], rule: Any) -> str:
+def _rule_text(comments: Sequence[str], rule: RuleSettings) -> str:
     return "\n".join([*(f"# {line}" for line in comments), *rule_lines(rule)])
 
 
-def rule_lines(rule: Any) -> list[str]:
+def rule_lines(rule: RuleSettings) -> list[str]:
     """The settings that this kind of rule uses, as lines of TOML."""
     used = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unused}
     rounded = {k: v if isinstance(v, str) else round(v, 4) for k, v in used.items()}
     return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in rounded.items())]
 
 
-def detector_card(args: argparse.Namespace) -> int:
+def detector_card(args: CardOptions) -> int:
     name = args.network
     if name is None:
         return _list(args)
@@ -218,20 +224,22 @@ def detector_card(args: argparse.Namespace) -> int:
     return show(args, found, text)
 
 
-def _list(args: argparse.Namespace) -> int:
+def _list(args: CardOptions) -> int:
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     for name in names("detectors"):
-        kind, rule = "formula" if name in FORMULAS else "network", _packaged_rule(name)
+        kind, rule = "formula" if name in FORMULAS else "network", _rule_of(name)
         value = {"name": name, "kind": kind, "default": name == default, "rule": rule}
         mark = " (default)" if name == default else ""
         show(args, value, f"{name}{mark}: {kind}; {in_words(rule)}")
     return exits.SUCCESS
 
 
-def _packaged_rule(network: str) -> Any:
+def _packaged_rule(network: str) -> RuleSettings | None:
     """The default decision rule of a packaged network; None for a file."""
-    if network not in names("detectors"):
-        return None
+    return _rule_of(network) if network in names("detectors") else None
+
+
+def _rule_of(network: str) -> RuleSettings:
     return msgspec.convert(named_layer("detectors", network).table.get("rule", {}), RuleSettings)
 
 
@@ -247,20 +255,20 @@ def network_path(word: str) -> Path:
     return network_file.weights_path(word)
 
 
-def rule_of_weights(config: Any) -> str:
+def rule_of_weights(config: TrialConfig) -> str:
     """The decision rule of a user's detector, in words; empty for a packaged one."""
     if config.detector_name in DETECTORS and not config.network.weights:
         return ""
     return f"{config.detector_label}: {in_words(config.rule)}"
 
 
-def check_weights(config: Any) -> None:
+def check_weights(config: TrialConfig) -> None:
     """Raise BadFile or UsageError if a user's weights would be refused by a run."""
     if _own_weights(config):
         config.make_detector(FINGERS)
 
 
-def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
+def check_named(words: Sequence[str], files: Files = None, assignments: Sequence[str] = ()) -> None:
     """Check settings and weights of each detector before data are read. Raises BadFile,
     ConfigError, UsageError."""
     for word in words:
@@ -269,7 +277,7 @@ def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[s
             network_file.read_network(network_file.weights_path(weights))
 
 
-def warn_of_untuned_rule(config: Any, layers: Any) -> None:
+def warn_of_untuned_rule(config: TrialConfig, layers: Sequence[Layer]) -> None:
     """Warn if a user's weights are used with a rule that was tuned for others, or with defaults.
     ``layers``: the layers of the settings."""
     weights, name = _own_weights(config), config.detector_name
@@ -289,7 +297,7 @@ def warn_of_untuned_rule(config: Any, layers: Any) -> None:
     exits.print_detail(f"`grasp detector tune {made} --data DIR` makes a rule for --config")
 
 
-def _own_weights(config: Any) -> str:
+def _own_weights(config: TrialConfig) -> str:
     """Path of a user's weights; empty for a packaged network or another kind of detector."""
     if config.detector_section != NETWORK:
         return ""

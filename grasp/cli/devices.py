@@ -1,21 +1,22 @@
 """`grasp status`, `gripper`, `arm` and `release`: read real devices, and move them slowly."""
 
-import argparse
 from collections.abc import Callable
-from typing import Any
 
 from drivers.checks import failures
 from drivers.errors import UsageError
+from drivers.interfaces import Counts3, Vector3
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MODE, mode_warning
 from drivers.ur.link import preflight as arm_preflight
+from grasp.cli import device_commands as commands
 from grasp.cli import exits, lab
-from grasp.cli.commands import ARM_SPEED
+from grasp.cli.device_commands import ARM_SPEED
 from grasp.cli.questions import confirm
+from scenarios.campaign.config import RunConfig
 from scenarios.lab import arm, hand, preflight
 from scenarios.rigs.calibration import calibration, settings_to_open
 from scenarios.rigs.device_checks import WRONG_DEVICE, arm_checks, other_devices, read_gripper
-from scenarios.rigs.permission import arm_address, gripper_address
+from scenarios.rigs.permission import MotionPermit, arm_address, gripper_address
 from scenarios.rigs.rig import not_active_error
 from scenarios.trial.run_folder import last_start
 
@@ -25,12 +26,12 @@ SET_BASIC = "open all fingers and set basic mode"
 OPEN = (0, 0, 0)
 
 
-def status(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def status(args: commands.StatusOptions) -> int:
+    config = lab.hardware_config(args)
     return _arm_status(args, config) if args.device == "arm" else _gripper_status(args, config)
 
 
-def _gripper_status(args: argparse.Namespace, config: Any) -> int:
+def _gripper_status(args: commands.StatusOptions, config: RunConfig) -> int:
     where = gripper_address(config)
     if config.devices.gripper:
         raise UsageError(f"{where} is driven by another package", "use that package's tools")
@@ -54,7 +55,7 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     return code
 
 
-def _arm_status(args: argparse.Namespace, config: Any) -> int:
+def _arm_status(args: commands.StatusOptions, config: RunConfig) -> int:
     host, checks = arm_address(config), arm_checks(config)
     state = (
         []
@@ -77,8 +78,8 @@ def _listed(title: str, lines: list[str]) -> str:
     return "\n".join((title, *(f"  {line}" for line in lines)))
 
 
-def gripper_activate(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def gripper_activate(args: commands.ActivateOptions) -> int:
+    config = lab.hardware_config(args)
 
     def look() -> str:
         settings_to_open(config)  # raises without a calibration
@@ -90,7 +91,7 @@ def gripper_activate(args: argparse.Namespace) -> int:
                 "Is it empty, and is everybody clear of it?", "empty", args.empty)  # fmt: skip
         lab.say(f"will {ALL} if the hand is inactive; {SET_BASIC} if it is active in another mode")
 
-    def act(permit: Any) -> lab.Done:
+    def act(permit: MotionPermit | None) -> lab.Done:
         positions = hand.activate_hand(config, permit, lab.say)
         if positions is None:
             return lab.Done("already active: nothing moved")
@@ -99,13 +100,13 @@ def gripper_activate(args: argparse.Namespace) -> int:
     return lab.perform(args, config, lambda: ALL, look, act, ask)
 
 
-def gripper_close(args: argparse.Namespace) -> int:
+def gripper_close(args: commands.CloseOptions) -> int:
     fingers, config = hand.finger_names(args.finger), _hand_config(args)
     plan = f"close finger {fingers} to {args.to} counts"
     return _move(args, config, plan, lambda at: hand.closing_targets(at, fingers, args.to), fingers)
 
 
-def gripper_step(args: argparse.Namespace) -> int:
+def gripper_step(args: commands.StepOptions) -> int:
     fingers, config = hand.finger_names(args.finger), _hand_config(args)
     counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
@@ -113,7 +114,11 @@ def gripper_step(args: argparse.Namespace) -> int:
 
 
 def _move(
-    args: argparse.Namespace, config: Any, plan: str, targets: Callable[[Any], Any], closing: str
+    args: commands.MotionOptions,
+    config: RunConfig,
+    plan: str,
+    targets: Callable[[Counts3], Counts3],
+    closing: str,
 ) -> int:
     """Move fingers to their ``targets``. ``closing``: the fingers that close."""
     order = ""  # order of the fingers, in words
@@ -132,7 +137,7 @@ def _move(
         moving = config if closing else settings_to_open(config)
         return _motion(moving, seen.state.positions, to) + order
 
-    def act(permit: Any) -> lab.Done:
+    def act(permit: MotionPermit | None) -> lab.Done:
         with hand.open_hand(config, permit, closing=bool(closing)) as opened:
             to = targets(opened.state.positions)
             lab.say(f"will {_motion(config, opened.state.positions, to)}{order}")
@@ -144,7 +149,7 @@ def _move(
                    lambda: lab.warn_of_mode(config))  # fmt: skip
 
 
-def release(args: argparse.Namespace) -> int:
+def release(args: commands.ReleaseOptions) -> int:
     config = _hand_config(args)
 
     def look() -> str:
@@ -157,7 +162,7 @@ def release(args: argparse.Namespace) -> int:
         lab.warn_of_mode(config, opened=True)
         return _motion(settings_to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
-    def act(permit: Any) -> lab.Done:
+    def act(permit: MotionPermit | None) -> lab.Done:
         with hand.open_hand(config, permit, False, args.activate) as opened:
             will = _motion(settings_to_open(config), opened.state.positions, OPEN)
             lab.say(f"will {will}{_spread(opened.mode)}")
@@ -174,18 +179,18 @@ def release(args: argparse.Namespace) -> int:
     )
 
 
-def _hand_config(args: argparse.Namespace) -> Any:
+def _hand_config(args: commands.MotionOptions) -> RunConfig:
     """Load the settings; warns of a weak calibration first, also in a dry run."""
-    config = lab.load_config(args)
+    config = lab.hardware_config(args)
     lab.warn_of_weak_calibration(config.calibration)
     return config
 
 
-def _motion(config: Any, at: Any, to: Any) -> str:
+def _motion(config: RunConfig, at: Counts3, to: Counts3) -> str:
     return f"move fingers from {at} to {to} counts at {_speed(config)}"
 
 
-def _speed(config: Any) -> str:
+def _speed(config: RunConfig) -> str:
     """Speed and force, in words. Raises ConfigError without a calibration."""
     known = calibration(config)
     return f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
@@ -196,8 +201,8 @@ def _spread(mode: int) -> str:
     return SCISSOR_NOTE if mode == SCISSOR else ""
 
 
-def arm_step(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def arm_step(args: commands.ArmStepOptions) -> int:
+    config = lab.hardware_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
     arm.check_step(config, by_m)
     step = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
@@ -205,15 +210,15 @@ def arm_step(args: argparse.Namespace) -> int:
     def plan() -> str:
         return f"move the arm at {arm_address(config)} by {step} at {ARM_SPEED}"
 
-    def act(permit: Any) -> lab.Done:
+    def act(permit: MotionPermit | None) -> lab.Done:
         at_m = arm.step_arm(config, permit, by_m, lab.say)
         return lab.Done(f"the arm is at {_position(at_m)}, after {step}")
 
     return _perform_motion(args, config, plan, act)
 
 
-def arm_back(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def arm_back(args: commands.ArmBackOptions) -> int:
+    config = lab.hardware_config(args)
     if config.devices.arm:
         raise UsageError("an arm of another package has no position here", "use `grasp arm step`")
     run, start_m = last_start(arm_address(config), args.run)
@@ -224,7 +229,7 @@ def arm_back(args: argparse.Namespace) -> int:
                 f"to where {run} began, at {ARM_SPEED}; nothing may be in its way, "
                 "or in that of a held object")  # fmt: skip
 
-    def act(permit: Any) -> lab.Done:
+    def act(permit: MotionPermit | None) -> lab.Done:
         at_m = arm.move_back(config, permit, start_m, lab.say)
         return lab.Done(f"the arm is at {_position(at_m)}, where {run} began")
 
@@ -232,7 +237,10 @@ def arm_back(args: argparse.Namespace) -> int:
 
 
 def _perform_motion(
-    args: argparse.Namespace, config: Any, plan: Callable[[], str], act: Callable[[Any], lab.Done]
+    args: commands.MotionOptions,
+    config: RunConfig,
+    plan: Callable[[], str],
+    act: Callable[[MotionPermit | None], lab.Done],
 ) -> int:
     """Run a command that moves the arm, or its dry run; arguments as of ``lab.perform``."""
 
@@ -247,8 +255,8 @@ def _perform_motion(
     return lab.perform(args, config, plan, look, act, warn)
 
 
-def arm_stop(args: argparse.Namespace) -> int:
-    config = lab.load_config(args)
+def arm_stop(args: commands.ArmStopOptions) -> int:
+    config = lab.hardware_config(args)
     if args.dry_run:
         would = f"end any program that runs on the arm at {arm_address(config)}"
         return lab.print_done(args, lab.Done(would), "would")
@@ -258,5 +266,5 @@ def arm_stop(args: argparse.Namespace) -> int:
     )
 
 
-def _position(at_m: Any) -> str:
+def _position(at_m: Vector3) -> str:
     return ", ".join(f"{axis} {m * 1e3:.1f}" for axis, m in zip("xyz", at_m, strict=True)) + " mm"

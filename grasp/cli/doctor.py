@@ -1,30 +1,29 @@
 """`grasp doctor`: check everything that a run needs, with remedies; moves nothing. `grasp doctor
 HOST...`: list the devices that answer at these addresses."""
 
-import argparse
-from typing import Any
-
+from drivers.checks import failures
 from grasp.cli import exits
+from grasp.cli.device_commands import DoctorOptions
 from grasp.cli.output import show
+from scenarios.campaign.config import RunConfig, load_config, load_for_devices
+from scenarios.lab.find import find, settings_of
+from scenarios.rigs.doctor import examine
+from scenarios.trial.execution import make_guard
+from scenarios.world import COMPILING, is_compiled
 
 MARKS = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
-def doctor(args: argparse.Namespace) -> int:
+def doctor(args: DoctorOptions) -> int:
     if args.hosts:
         return _find(args)
-    from drivers.checks import failures
-    from scenarios.campaign.config import load_config, load_for_devices
-    from scenarios.rigs.doctor import examine
-    from scenarios.trial.execution import make_guard
-    from scenarios.world import COMPILING, is_compiled
 
-    def load(rig: str, detector: str | None) -> Any:
+    def load(rig: str, detector: str | None) -> RunConfig:
         if detector is None:  # settings of the run in the options
             return load_config(args.object, rig, args.detector, args.config, args.set, args.profile)
         return load_for_devices(args.object, rig, args.config, args.set, detector)
 
-    def check_run(config: Any) -> None:
+    def check_run(config: RunConfig) -> None:
         make_guard(config)
         config.make_detector(3)
 
@@ -57,9 +56,7 @@ def doctor(args: argparse.Namespace) -> int:
     return show(args, {"healthy": not failed, "checks": found, "exit_code": code}, text, code)
 
 
-def _find(args: argparse.Namespace) -> int:
-    from scenarios.lab.find import find, settings_of
-
+def _find(args: DoctorOptions) -> int:
     found = list(find(args.hosts))
     settings = settings_of(found)
     lines = [

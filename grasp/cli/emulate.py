@@ -1,6 +1,5 @@
 """`grasp emulate`: the emulated cell for any client, and a console for its operator's actions."""
 
-import argparse
 import json
 import os
 import secrets
@@ -10,7 +9,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 
@@ -18,9 +16,9 @@ from drivers.addresses import cannot_listen, check_free, check_host
 from drivers.errors import ConfigError, UsageError
 from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
-from grasp.cli.commands import OPERATOR_ACTIONS
+from grasp.cli.device_commands import OPERATOR_ACTIONS, EmulateOptions
 from grasp.cli.options import check_writable
-from grasp.cli.output import print_status
+from grasp.cli.output import JsonObject, print_status
 from grasp.files import write_whole
 from grasp.settings import config_dir, read_toml
 from scenarios.campaign.config import load_for_devices
@@ -40,7 +38,7 @@ SETTINGS_BEGIN = "# Emulated devices, with timeouts for a busy machine. Not for 
 PRESS_S = 1.0  # of a pad
 
 
-def emulate(args: argparse.Namespace) -> int:
+def emulate(args: EmulateOptions) -> int:
     check_address(args.host, args.beyond_loopback, args.gripper_port)
     if args.write is not None:
         check_writable(args.write, SETTINGS_BEGIN)
@@ -66,7 +64,7 @@ def emulate(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def lab_settings(endpoints: dict[str, Any]) -> str:
+def lab_settings(endpoints: JsonObject) -> str:
     """Settings of the rig `hardware` that point at an emulated cell, as TOML."""
     sections = read_toml(config_dir() / "rigs" / "emulated.toml").table
     gripper = endpoints["gripper"]
@@ -95,7 +93,7 @@ class Console:
     def __init__(self, config: TapConfig, seed: int) -> None:
         """Search the strength of taps now, before any client waits for a device."""
         self._typed = _is_typed()
-        self._taps: dict[str, Any] = {}
+        self._taps: dict[str, JsonObject | ConfigError] = {}
         for direction in DIRECTIONS if self._typed else ():
             tap = msgspec.structs.replace(config.tap, direction=direction)
             try:
@@ -138,7 +136,7 @@ class Console:
             return _scale_text(reply["truth"])
         return f"done: {reply['effect']}" if "effect" in reply else "done"
 
-    def _request(self, words: list[str]) -> dict[str, Any]:
+    def _request(self, words: list[str]) -> JsonObject:
         match words:
             case ["fault", name, *pairs]:
                 settings = (pair.partition("=") for pair in pairs)
@@ -161,12 +159,12 @@ class Console:
         raise ValueError(f"{' '.join(words)!r} is no action")
 
 
-def _scale_text(truth: dict[str, Any]) -> str:
+def _scale_text(truth: JsonObject) -> str:
     fingers = zip("ABC", truth["normal_n"], strict=True)
     return "fingertip forces: " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
 
 
-def _look_text(truth: dict[str, Any]) -> str:
+def _look_text(truth: JsonObject) -> str:
     held = "held" if max(truth["normal_n"]) > 0 else "not touched"
     moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
     turned = turned_text(truth["turn_rad"])
@@ -176,7 +174,7 @@ def _look_text(truth: dict[str, Any]) -> str:
     )
 
 
-def _value(text: str) -> Any:
+def _value(text: str) -> object:
     try:
         return json.loads(text)
     except ValueError:

@@ -3,11 +3,15 @@
 import contextlib
 import os
 import sys
-from typing import Any
+from typing import TYPE_CHECKING
 
 from drivers.errors import one_line
 from grasp.cli.output import print_json, standard_output
 from grasp.run import signals
+
+if TYPE_CHECKING:
+    from scenarios.trial.final_state import FinalState
+    from scenarios.trial.result import Failure
 
 SUCCESS = 0
 TRIAL_FAILED = 1
@@ -33,7 +37,7 @@ def code_of(kind: str) -> int:
     return _CODE_OF_KIND.get(kind, INTERNAL)
 
 
-def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
+def report_failure(failure: "Failure", as_json: bool, **extra: object) -> int:
     """Report the failure of a started run: the error, the state of arm and hand, and the remedy,
     one line each; returns the exit code."""
     end = failure.end
@@ -46,7 +50,7 @@ def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
     return code
 
 
-def print_end(end: Any, remedy: str = "") -> None:
+def print_end(end: "FinalState", remedy: str = "") -> None:
     """Print the final state of arm and hand, the remedy, and how to continue, one line each."""
     where = f"{end.where}: " if end.where else ""
     missed = f"; not confirmed: {', '.join(end.unconfirmed)}"
@@ -67,7 +71,7 @@ def print_detail(line: str) -> None:
         report_line(line, 7 * " ")
 
 
-def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
+def report(kind: str, message: str, remedy: str, as_json: bool, **extra: object) -> int:
     """Print an error and its remedy, without control characters; returns the exit code."""
     code = code_of(kind)
     if code == INTERRUPTED:

@@ -1,25 +1,30 @@
 """Shared by commands for real devices: settings, dry runs, permission to move, and warnings."""
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drivers.errors import GraspError, UsageError
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
 from grasp.cli import exits
+from grasp.cli.commands import RosOptions, RunOptions
+from grasp.cli.device_commands import LabOptions, MotionOptions
+from grasp.cli.options import Json
 from grasp.cli.output import print_json
 from grasp.run import signals
-from scenarios.campaign.config import load_for_devices
-from scenarios.rigs.calibration import weak_claim
-from scenarios.rigs.config import HARDWARE
-from scenarios.rigs.permission import arm_address, permit
+from scenarios.acquire.config import AcquireConfig
+from scenarios.campaign.config import RunConfig, load_for_devices
+from scenarios.rigs.calibration import describe_calibration, weak_claim
+from scenarios.rigs.config import HARDWARE, AnyRigConfig
+from scenarios.rigs.permission import MotionPermit, arm_address, check_devices, permit
+from scenarios.trial.config import TrialConfig
 
 SAME_HEIGHT_M = 0.001
 say = exits.report_line  # on standard error
 
 
-def load_config(args: argparse.Namespace) -> Any:
+def hardware_config(args: LabOptions) -> RunConfig:
     """Load settings for real devices; raises UsageError for a rig that has none."""
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:
@@ -34,11 +39,14 @@ class Done(NamedTuple):
     """Result of a command: text, value for --json (default: the text), and exit code."""
 
     text: str
-    value: dict[str, Any] | None = None
+    value: Mapping[str, object] | None = None
     code: int = exits.SUCCESS
 
 
-def print_done(args: argparse.Namespace, done: Done, key: str = "done") -> int:
+Act = Callable[[MotionPermit | None], Done]
+
+
+def print_done(args: Json, done: Done, key: str = "done") -> int:
     """Print a result, or the result of a dry run; returns the exit code."""
     if args.json:
         value = {key: done.text} if done.value is None else done.value
@@ -49,8 +57,9 @@ def print_done(args: argparse.Namespace, done: Done, key: str = "done") -> int:
 
 
 def perform(
-    args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
-    act: Callable[[Any], Done], before: Callable[[], object] = lambda: None, moves: bool = True,
+    args: MotionOptions, config: RunConfig, plan: Callable[[], str], look: Callable[[], str],
+    act: Act,
+    before: Callable[[], object] = lambda: None, moves: bool = True,
 ) -> int:  # fmt: skip
     """Run a command that moves real devices, or its dry run.
 
@@ -68,8 +77,10 @@ def perform(
 
 
 def motion_permit(
-    config: Any, args: argparse.Namespace, plan: Callable[[], str] | None = None
-) -> Any:
+    config: AnyRigConfig,
+    args: RunOptions | RosOptions | MotionOptions,
+    plan: Callable[[], str] | None = None,
+) -> MotionPermit | None:
     """Permission to move real devices; None if the rig has none. Without `--confirm-motion` it
     prints the motion and raises UsageError."""
     try:
@@ -81,16 +92,28 @@ def motion_permit(
         raise
 
 
+def permit_run(config: TrialConfig | AcquireConfig, args: RunOptions) -> MotionPermit | None:
+    """Permission for a run; prints the sources of measured values."""
+    permit = motion_permit(config, args)
+    check_devices(config)
+    if permit is not None and isinstance(config, TrialConfig):
+        if config.calibration is not None:
+            say(describe_calibration(config.calibration))
+        for line in config.source.in_words():
+            say(line)
+    return permit
+
+
 # Warnings on standard error
 
 
-def warn_of_weak_calibration(calibration: Any) -> None:
+def warn_of_weak_calibration(calibration: GripperCalibration | None) -> None:
     """Warn of a calibration that claims less force than the manual states."""
     if calibration is not None and (claim := weak_claim(calibration)):
         say(claim)
 
 
-def warn_of_slow_arm(config: Any) -> None:
+def warn_of_slow_arm(config: AnyRigConfig) -> None:
     """Warn of a low speed slider. One that prevents a run is reported when the arm is opened."""
     if config.devices.arm:
         return
@@ -103,7 +126,7 @@ def warn_of_slow_arm(config: Any) -> None:
             say(f"{slider.detail} ({slider.remedy})")
 
 
-def warn_of_height(config: Any) -> None:
+def warn_of_height(config: TrialConfig) -> None:
     """Say how far the arm stands above or below where the last run began."""
     if config.devices.arm:
         return
@@ -119,7 +142,7 @@ def warn_of_height(config: Any) -> None:
                 "(`grasp arm back` moves it there)")  # fmt: skip
 
 
-def warn_of_mode(config: Any, opened: bool = False) -> None:
+def warn_of_mode(config: TrialConfig, opened: bool = False) -> None:
     """Warn of a hand that is not in basic mode. Scissor mode is reported when the hand is opened
     for closing, so it is included here only with ``opened``."""
     if config.devices.gripper:

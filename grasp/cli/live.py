@@ -3,15 +3,23 @@
 import contextlib
 import sys
 from collections.abc import Iterator
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 from grasp.cli import view
 from grasp.cli.output import print_status
+from grasp.cli.questions import TerminalOperator
 from grasp.control.states import State
 from grasp.run.loop import Tick
 from grasp.run.viewer_process import ViewerProcess
+from scenarios.acquire.session import Sample
+from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_view import facts, turned_text
-from scenarios.trial.result import spelt
+from scenarios.tap.scoring import TapResult
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.result import TrialResult, spelt
+
+if TYPE_CHECKING:
+    from scenarios.report.live_feed import LiveTrials
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
@@ -49,7 +57,12 @@ class Display:
     """
 
     def __init__(
-        self, rig: str, quiet: bool, operator: Any = None, brief: bool = False, page: Any = None
+        self,
+        rig: str,
+        quiet: bool,
+        operator: TerminalOperator | None = None,
+        brief: bool = False,
+        page: "LiveTrials | None" = None,
     ) -> None:
         self._rig, self._page, self._operator = rig, page, operator
         self._panel = sys.stdout.isatty() and operator is None
@@ -97,7 +110,7 @@ class Display:
         if self._shown is not None and (event or due):
             self._shown.show(view.tick_view(tick, event, self._trial))
 
-    def sample(self, sample: Any) -> None:
+    def sample(self, sample: Sample) -> None:
         self._ticks += 1
         due = self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0
         if self._shown is not None and due:
@@ -124,9 +137,11 @@ class Display:
 
 
 @contextlib.contextmanager
-def viewed(args: Any, config: Any, title: str, trials: int) -> Iterator[Any]:
+def viewed(
+    shown: bool, config: TrialConfig, title: str, trials: int
+) -> Iterator["LiveTrials | None"]:
     """The page of `--view`, closed with the run; None without the option."""
-    if not args.view:
+    if not shown:
         yield None
         return
     from scenarios.report.live_feed import LiveTrials
@@ -139,7 +154,7 @@ def viewed(args: Any, config: Any, title: str, trials: int) -> Iterator[Any]:
         live.feed.close()
 
 
-def verdict(result: Any) -> str:
+def verdict(result: TrialResult) -> str:
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     why = [f"{fault.code} ({fault.device})" for fault in result.faults]
     what = ", ".join(why) if result.outcome == "fault" and why else result.outcome
@@ -156,18 +171,21 @@ def verdict(result: Any) -> str:
     return "\n".join(lines)
 
 
-def trial_line(result: Any) -> str:
-    tap = result.scenario == "tap"
-    moved_m = result.displacement_m if tap else result.slip_distance_m
-    parts = [f"seed {result.seed:<4}{f' {result.direction:<7} ' if tap else ''} "
-             f"{spelt(result.outcome):<18}"]  # fmt: skip
-    if moved_m is not None:
-        parts.append(f"{'moved' if tap else 'slipped'} {moved_m * 1e3:5.1f} mm")
-        parts.append(turned_text(result.turned_rad))
-    if tap and result.slip_duration_ms is not None:
-        parts.append(f"in {result.slip_duration_ms:3.0f} ms")
+def trial_line(result: TrialResult) -> str:
+    direction = f" {result.direction:<7} " if isinstance(result, TapResult) else ""
+    parts = [f"seed {result.seed:<4}{direction} {spelt(result.outcome):<18}"]
+    if isinstance(result, TapResult):
+        parts += _moved("moved", result.displacement_m, result.turned_rad)
+        if result.slip_duration_ms is not None:
+            parts.append(f"in {result.slip_duration_ms:3.0f} ms")
+    elif isinstance(result, LiftResult):
+        parts += _moved("slipped", result.slip_distance_m, result.turned_rad)
     if result.detection_latency_ms is not None:
         parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
-    if tap and result.nominal_again_ms is not None:
+    if isinstance(result, TapResult) and result.nominal_again_ms is not None:
         parts.append(f"nominal {result.nominal_again_ms:.0f} ms after its end")
     return "  ".join(filter(None, parts))
+
+
+def _moved(how: str, moved_m: float | None, turned_rad: float | None) -> list[str]:
+    return [] if moved_m is None else [f"{how} {moved_m * 1e3:5.1f} mm", turned_text(turned_rad)]

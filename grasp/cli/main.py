@@ -58,13 +58,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: Sequence[str], as_json: bool) -> int:
     try:
-        args = build_parser().parse_args([_checked(word) for word in words])
+        parsed = build_parser().parse_args([_checked(word) for word in words])
+        options = parsed.options.of(parsed)
     except UsageError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     code = exits.SUCCESS
     try:
-        run = getattr(module_of(args.command), args.command.replace(" ", "_"))
-        code = int(run(args))
+        run = getattr(module_of(parsed.command), parsed.command.replace(" ", "_"))
+        code = int(run(options))
         sys.stdout.flush()
     except OutputClosedError:
         signalled = exits.close_output()

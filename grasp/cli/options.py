@@ -1,15 +1,15 @@
-"""Options shared by several commands, and parsers of option values."""
+"""Options that several commands share, and parsers of option values."""
 
 import argparse
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 from drivers.errors import UsageError
-from grasp.cli.parser import Parser
+from grasp.cli.parser import How, Options
 from grasp.files import is_stream, nearest_folder, why_not_writable, write_error
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 PICTURES = (".svg", ".png", ".pdf")
+BUDGET = "false alarms per minute and hand"
 OBJECT_HELP = "an object of config/objects (also the held-out ones), or your .toml file"
 
 
@@ -108,38 +109,61 @@ def need(extra: str, *packages: str) -> None:
         raise UsageError(f"not installed: {' and '.join(missing)}", remedy)
 
 
-seed = whole(0, 2**63 - 1)
-_FLAG = {"action": "store_true"}
-# options that `share` adds: option and value, help, keywords
-SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "json": ("--json", "one JSON object on standard output, nothing else", _FLAG),
-    "config": ("--config FILE", "settings file; overrides packaged ones (default: $GRASP_CONFIG)",
-        {"type": Path, "action": "append"}),
-    "set": ("--set SECTION.KEY=VALUE", "change one setting; `grasp config` lists them",
-        {"action": "append", "default": []}),
-    "rig": ("--rig NAME", "emulated (real protocols, emulated devices), simulated (virtual time), "
-        "hardware, or a .toml file", {"default": "emulated"}),
-    "seed": ("--seed N", "random seed", {"type": seed, "default": 0}),
-    "object": ("--object NAME", OBJECT_HELP, {"default": "can"}),
-    "profile": ("--profile NAME", "one of config/profiles", {"default": "default"}),
-    "detector": ("--detector NAME", "one of config/detectors or of an installed package, "
-        "FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
-    "runs": ("--runs DIR", "folder of recordings", {"type": Path, "default": "runs"}),
-    "jobs": ("--jobs N", "worker processes (default: one per core)",
-        {"type": whole(1, MOST_JOBS), "default": len(os.sched_getaffinity(0))}),
-    "cluster": ("--cluster ADDRESS", "Dask scheduler to use instead (extra `cluster`)", {}),
-    "confirm": ("--confirm-motion", "confirm that the cell is clear and supervised; required for "
-        "motion on the hardware rig", _FLAG),
-    "dry": ("--dry-run", "on real devices: check them and print the motion, move nothing", _FLAG),
-}  # fmt: skip
+# Options with the same meaning in all commands
+Detector = Annotated[str | None, "NAME", "one of config/detectors or of an installed package, "
+    "FILE.py:NAME or FILE.onnx (default: the profile's)"]  # fmt: skip
+Object = Annotated[str, "NAME", OBJECT_HELP]
+Profile = Annotated[str, "NAME", "one of config/profiles"]
+Rig = Annotated[str, "NAME", "emulated (real protocols, emulated devices), simulated (virtual "
+    "time), hardware, or a .toml file"]  # fmt: skip
+Runs = Annotated[Path, "DIR", "folder of recordings"]
+Seed = Annotated[int, "N", "random seed", whole(0, 2**63 - 1)]
 
 
-def share(parser: Parser, names: str) -> None:
-    for option, text, keywords in (SHARED[name] for name in names.split()):
-        parser.option(option, text, **keywords)
+class Json(Options):
+    """For commands with results."""
+
+    json: Annotated[bool, "one JSON object on standard output, nothing else"] = False
 
 
-def workers(args: argparse.Namespace) -> "Workers":
+class Settings(Options):
+    """For commands that read settings."""
+
+    config: Annotated[Sequence[Path] | None, "FILE", "settings file; overrides packaged ones "
+        "(default: $GRASP_CONFIG)", How(repeated=True)] = None  # fmt: skip
+    set: Annotated[Sequence[str], "SECTION.KEY=VALUE",
+        "change one setting; `grasp config` lists them", How(repeated=True)] = ()  # fmt: skip
+
+
+class SettingsJson(Settings, Json):
+    """Settings and results."""
+
+
+class Pool(Options):
+    """For commands with worker processes: see ``scenarios.rigs.workers.Workers``."""
+
+    jobs: Annotated[int, "N", "worker processes (default: one per core)",
+        whole(1, MOST_JOBS)] = len(os.sched_getaffinity(0))  # fmt: skip
+    cluster: Annotated[str | None, "ADDRESS",
+        "Dask scheduler to use instead (extra `cluster`)"] = None  # fmt: skip
+
+
+class Confirm(Options):
+    """For commands that may move real devices."""
+
+    confirm_motion: Annotated[bool, "confirm that the cell is clear and supervised; required for "
+        "motion on the hardware rig"] = False  # fmt: skip
+
+
+class Motion(Confirm):
+    """For commands that may move real devices, or only say what they would move."""
+
+    dry_run: Annotated[bool, "on real devices: check them and print the motion, move nothing"] = (
+        False
+    )
+
+
+def workers(options: Pool) -> "Workers":
     from scenarios.rigs.workers import Workers
 
-    return Workers(args.jobs, args.cluster)
+    return Workers(options.jobs, options.cluster)

@@ -1,7 +1,6 @@
 """Prints results and progress: lines for a person, or under --json only JSON on standard output,
 also if a library prints."""
 
-import argparse
 import contextlib
 import errno
 import math
@@ -9,23 +8,28 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from drivers.errors import OutputClosedError
+from grasp.cli.options import Json
+
+if TYPE_CHECKING:
+    import msgspec
 
 CLOSED = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a closed terminal
+JsonObject = dict[str, Any]
 PROGRESS_LINES = 10  # without a terminal: a line for each tenth
 _results: TextIO | None = None  # standard output while --json redirects all else
 
 
-def json_line(value: Any) -> str:
+def json_line(value: object) -> str:
     """Encode a value as JSON in one line; infinite and undefined numbers become null."""
     import msgspec
 
     return msgspec.json.encode(value, enc_hook=_builtin).decode()
 
 
-def _builtin(value: Any) -> Any:
+def _builtin(value: Any) -> object:
     """Convert a path or a NumPy number, which msgspec does not support."""
     return str(value) if isinstance(value, os.PathLike) else value.item()
 
@@ -35,12 +39,12 @@ def standard_output() -> TextIO:
     return _results or sys.stdout
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print a result in one line."""
     print(json_line(value), file=standard_output(), flush=True)
 
 
-def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], code: int = 0) -> int:
+def show(args: Json, value: object, text: str | Callable[[], str], code: int = 0) -> int:
     """Print a result: ``value`` under --json, else ``text``; returns ``code``."""
     if args.json:
         print_json(value)
@@ -49,7 +53,7 @@ def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], co
     return code
 
 
-def listing(result: Any) -> str:
+def listing(result: "msgspec.Struct | JsonObject") -> str:
     """Fields of a result, one line each, with the 95 % interval if ``intervals`` has one."""
     import msgspec
 
@@ -63,7 +67,7 @@ def listing(result: Any) -> str:
     return "\n".join(lines)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     if isinstance(value, dict):
@@ -131,7 +135,7 @@ class _Stream:
     def __init__(self, stream: TextIO, silent: bool) -> None:
         self._stream, self._silent = stream, silent
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:

@@ -1,43 +1,45 @@
 """What `grasp run` would do: motions in words, and dry runs on real devices."""
 
-import argparse
-from typing import Any
+from collections.abc import Sequence
 
-from drivers.checks import failures
+from drivers.checks import Check, failures
 from drivers.errors import DeviceFault, UsageError
 from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.cli import exits
+from grasp.cli.commands import AcquireOptions, RunOptions, TrialsOptions
 from grasp.cli.lab import say
 from grasp.cli.output import show
-from grasp.cli.trials import is_asked, trials_of
-from scenarios.acquire.session import counts_per_newton
-from scenarios.campaign.config import UNNAMED
-from scenarios.campaign.experiments import EXPERIMENTS
+from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.press import TOUCH_N, StrokeMotion
+from scenarios.acquire.session import RETREAT_MPS, TOUCH_TIMEOUT_S, counts_per_newton
+from scenarios.campaign.config import UNNAMED, RunConfig
 from scenarios.lab.preflight import gentle_settings
 from scenarios.rigs.calibration import calibration
 from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import check_devices
+from scenarios.tap.tap import tap
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
 
-def dry_run(config: Any, args: argparse.Namespace) -> int:
+def dry_run(config: RunConfig, args: TrialsOptions) -> int:
     """Print plan and checks; exit code 0 only if the run would start. Raises UsageError."""
     if args.resume or args.out is not None:
         raise UsageError("--dry-run checks only devices and settings, and opens no file",
                          "leave out --out and --resume")  # fmt: skip
     check_devices(config)
-    config = as_run(config, args)
-    config.make_detector(FINGERS)
-    return _print_dry_run(plan(config, args), ask_devices(config, make_guard), args)
+    used = as_run(config, args)
+    used.make_detector(FINGERS)
+    return _print_dry_run(plan(used, args), ask_devices(used, make_guard), args)
 
 
-def dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
+def dry_acquisition(config: AcquireConfig, course: StrokeMotion, args: AcquireOptions) -> int:
     check_devices(config)
     counts_per_newton(config, args.seed)  # raises if it was not measured
     return _print_dry_run(press_plan(config, course, args.seconds), ask_devices(config), args)
 
 
-def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
+def _print_dry_run(would: list[str], checks: Sequence[Check], args: RunOptions) -> int:
     failed = failures(checks)
     code = dry_code(failed)
     if not args.json:
@@ -50,7 +52,7 @@ def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace
     return show(args, value, "would not start" if failed else "would start", code)
 
 
-def dry_code(failed: list[Any]) -> int:
+def dry_code(failed: list[Check]) -> int:
     """Exit code of a run with these failed checks; it checks cell, devices and hand in order."""
     if not failed:
         return exits.SUCCESS
@@ -59,22 +61,21 @@ def dry_code(failed: list[Any]) -> int:
     return codes[0] if of_cell or exits.DEVICE not in codes else exits.DEVICE
 
 
-def as_run(config: Any, args: argparse.Namespace) -> Any:
+def as_run(config: RunConfig, args: TrialsOptions) -> TrialConfig:
     """The settings as the run uses them; raises ConfigError for settings that it would refuse, such
     as a limit that cannot be kept."""
+    used: TrialConfig = gentle_settings(config) if args.first else config
     if args.scenario == "tap":
-        config = EXPERIMENTS["tap"].configure(config.for_tap())
-    elif args.first:
-        config = gentle_settings(config)
-    make_guard(config)
-    return config
+        used = tap.configure(config.for_tap())
+    make_guard(used)
+    return used
 
 
-def plan(config: Any, args: argparse.Namespace) -> list[str]:
+def plan(config: TrialConfig, args: TrialsOptions) -> list[str]:
     """Motions and questions of a lift or a series of taps, in order."""
     controller, limit_n, known = config.controller, config.guard.force_limit_n, calibration(config)
     closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
-    lift, asked, trials = args.scenario == "lift", is_asked(args), trials_of(args)
+    lift, asked, trials = args.scenario == "lift", args.asked, args.number
     up_mm = controller.retreat_m * 1e3
     retreat = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
     lower_mmps = controller.lower_speed_mps * 1e3
@@ -97,27 +98,27 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
     return [line for line in lines if line]
 
 
-def _object(config: Any) -> str:
-    return "an object" if config.object.name == UNNAMED else str(config.object.name)
+def _object(config: TrialConfig) -> str:
+    return "an object" if config.object.name == UNNAMED else config.object.name
 
 
-def _where(config: Any) -> str:
+def _where(config: TrialConfig) -> str:
     if config.controller.first_grasp != "touch":
         return f"to {config.object.grip_counts} counts"
     return f"until the fingertips feel {config.controller.first_force_n:g} N"
 
 
-def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
+def press_plan(config: AcquireConfig, course: StrokeMotion, seconds: float) -> list[str]:
     """Motions of an acquisition, in order."""
-    control, session, finger = config.control, config.session, FINGER_NAMES[config.finger]
+    control, finger = config.control, FINGER_NAMES[config.finger]
     stroke = f"by {control.turn_rad:g} rad at {course.spin_radps:g} rad/s"
     if not course.spin_radps:
         stroke = (f"by {control.stroke_m * 1e3:.0f} mm at {course.speed_mps * 1e3:.0f} mm/s along "
                   f"{course.direction} degrees of the fingertip")  # fmt: skip
     return [
         f"lower the arm at {control.approach_mps * 1e3:g} mm/s until finger {finger} measures "
-        f"{control.touch_n:g} N, for {session.touch_timeout_s:g} s at most; the hand does not move",
+        f"{TOUCH_N:g} N, for {TOUCH_TIMEOUT_S:g} s at most; the hand does not move",
         f"press with {control.force_n:g} N by the arm, at most {control.depth_m * 1e3:g} mm deep",
         f"stroke back and forth {stroke}, for {seconds:g} s",
-        f"stop, and return to the start position at {session.retreat_mps * 1e3:g} mm/s",
+        f"stop, and return to the start position at {RETREAT_MPS * 1e3:g} mm/s",
     ]

@@ -1,16 +1,15 @@
 """`grasp replay`, `runs`, `report` and `export`: replay, list, plot and export recordings."""
 
-import argparse
 import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
+from grasp.cli.commands import ExportOptions, ReplayOptions, ReportOptions, RunsOptions
 from grasp.cli.options import PICTURES, check_new, check_writable, need
-from grasp.cli.output import print_status, show
+from grasp.cli.output import JsonObject, print_status, show
 from grasp.files import is_stream, write_whole
 
 SHOWN_DIFFERENCES = 10
@@ -20,11 +19,11 @@ FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICT
 FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folders: their package
 
 
-def replay(args: argparse.Namespace) -> int:
+def replay(args: ReplayOptions) -> int:
     if args.run is not None and args.tactile is not None:
         raise UsageError("takes a RUN or --tactile PATH, and not both", "give one of them")
     if args.tactile is not None:
-        return _replay_tactile(args)
+        return _replay_tactile(args, args.tactile)
     if args.config or args.set:
         raise UsageError("--config and --set need --tactile: a run is replayed with its recorded "
                          "settings", "leave them out")  # fmt: skip
@@ -63,7 +62,7 @@ def _last_run() -> Path:
     return recordings[0]
 
 
-def _replay_tactile(args: argparse.Namespace) -> int:
+def _replay_tactile(args: ReplayOptions, path: Path) -> int:
     import msgspec
 
     from detector.recordings import read
@@ -74,7 +73,7 @@ def _replay_tactile(args: argparse.Namespace) -> int:
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    recording = read(args.tactile, labelled=False)
+    recording = read(path, labelled=False)
     warnings = warn(args, [recording])
     done = replay_tactile(config, recording)
     scores = None
@@ -99,7 +98,7 @@ def _replay_tactile(args: argparse.Namespace) -> int:
     return show(args, value, text)
 
 
-def runs(args: argparse.Namespace) -> int:
+def runs(args: RunsOptions) -> int:
     if args.file is not None:
         from grasp.cli.campaign import show_summary
 
@@ -116,7 +115,7 @@ def runs(args: argparse.Namespace) -> int:
     return show(args, results, "\n".join(lines) or f"no runs in {one_line(args.runs)}", code)
 
 
-def _line(name: str, result: dict[str, Any]) -> str:
+def _line(name: str, result: JsonObject) -> str:
     slip = result.get("slip_distance_m", result.get("displacement_m"))
     details = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
     if "samples" in result:
@@ -125,7 +124,7 @@ def _line(name: str, result: dict[str, Any]) -> str:
     return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {details}".rstrip())
 
 
-def report(args: argparse.Namespace) -> int:
+def report(args: ReportOptions) -> int:
     if args.out is not None and args.out.suffix != ".html":
         raise UsageError(f"--out {args.out}: not an HTML file name", "use one that ends in .html")
     print(write_page(args.run or _last_run(), args.out))
@@ -157,7 +156,7 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     return path
 
 
-def export(args: argparse.Namespace) -> int:
+def export(args: ExportOptions) -> int:
     from scenarios.campaign.store import is_database
 
     by_name = None if args.out is None else FORMATS.get(args.out.suffix)

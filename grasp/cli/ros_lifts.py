@@ -1,21 +1,22 @@
 """The lifts that a ROS 2 node may start, and their command lines."""
 
-import argparse
 import math
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import FINGER_NAMES
 from grasp.cli.child import Child
+from grasp.cli.commands import RosOptions
 from grasp.cli.detector import check_weights
 from grasp.cli.lab import motion_permit
+from grasp.cli.output import JsonObject
 from grasp.settings import is_path, names
-from scenarios.campaign.config import load_lift
-from scenarios.rigs.calibration import config_files
+from scenarios.campaign.config import RunConfig, load_lift
+from scenarios.rigs.calibration import calibration, config_files
 from scenarios.rigs.permission import check_devices
 from scenarios.trial.execution import make_guard
 
@@ -27,7 +28,7 @@ class Goal(NamedTuple):
     profile: str = ""
 
 
-class Outcome(NamedTuple):
+class ClientResult(NamedTuple):
     """Result of a lift for its client; NaN: unknown."""
 
     success: bool
@@ -37,7 +38,7 @@ class Outcome(NamedTuple):
     peak_force_n: tuple[float, ...]  # A, B, C
 
     @classmethod
-    def of(cls, printed: dict[str, Any]) -> "Outcome":
+    def of(cls, printed: JsonObject) -> "ClientResult":
         """Of what `grasp run lift --json` printed."""
         error = printed.get("error") or {}
         result = (printed.get("result") or {}) if error else printed
@@ -91,7 +92,7 @@ class Slot:
 class Lifts:
     """The lifts that this node may start: settings and permission of its own command line."""
 
-    def __init__(self, args: argparse.Namespace) -> None:
+    def __init__(self, args: RosOptions) -> None:
         """Raises ConfigError and UsageError as `grasp run lift` would."""
         self._args, self._started = args, 0
         self._config = self._load(Goal())
@@ -108,7 +109,7 @@ class Lifts:
     @property
     def m_per_count(self) -> float:
         """Fingertip travel of a motor count, m."""
-        return float(self._config.calibration.m_per_count)
+        return calibration(self._config).m_per_count
 
     def problem(self, goal: Goal) -> str:
         """Why this lift is refused; empty if it is allowed. A goal names an object and a profile of
@@ -139,7 +140,7 @@ class Lifts:
         words += [word for text in args.set for word in ("--set", text)]
         return words + (["--confirm-motion"] if self.permit is not None else [])
 
-    def _load(self, goal: Goal) -> Any:
+    def _load(self, goal: Goal) -> RunConfig:
         args = self._args
         for file in (*config_files(args.config), *map(Path, filter(is_path, [args.rig]))):
             if file.exists() and not file.is_file():  # reading a pipe may never end

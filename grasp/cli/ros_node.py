@@ -25,7 +25,8 @@ from std_srvs.srv import Trigger
 
 from grasp.cli import exits
 from grasp.cli.child import Child
-from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
+from grasp.cli.output import JsonObject
+from grasp.cli.ros_lifts import ClientResult, Goal, Lifts, Slot
 from grasp.control.fault import INTERRUPTED, TRIAL, Fault
 from grasp.run import signals
 from grasp.settings import config_dir
@@ -43,6 +44,7 @@ from scenarios.report.ros_topics import (
 )
 from scenarios.report.step_feed import Begin, Step
 
+Ros = Any  # rclpy has no types
 NAME = "grasp"
 DISCOVERY, LOCALHOST = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
 # variable of Fast DDS with its profile, and in older distributions
@@ -55,7 +57,7 @@ RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
 RUNNING = "a lift or a release is running"
-REFUSED = Outcome.of({"error": {"kind": "refused", "message": RUNNING}})
+REFUSED = ClientResult.of({"error": {"kind": "refused", "message": RUNNING}})
 SERVICES = QoSProfile(depth=100)  # requests that wait, of many clients at once
 QOS = {
     SENSOR: qos_profile_sensor_data,
@@ -67,20 +69,20 @@ QOS = {
 class OwnAction:
     """Goal, feedback and result in `grasp_msgs/action/Lift`."""
 
-    def __init__(self, kind: Any) -> None:
+    def __init__(self, kind: Ros) -> None:
         self.kind = kind
 
-    def goal(self, request: Any) -> Goal:
+    def goal(self, request: Ros) -> Goal:
         return Goal(request.object, request.profile)
 
-    def feedback(self, step: Step) -> Any:
+    def feedback(self, step: Step) -> Ros:
         control = step.control
         return self.kind.Feedback(
             phase=control.phase, slip=control.probabilities, slip_registered=control.registered,
             force=list(control.estimated_n),
         )  # fmt: skip
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: ClientResult) -> Ros:
         return self.kind.Result(
             success=outcome.success, verdict=outcome.verdict, message=outcome.message,
             slip_distance=outcome.slip_distance_m, peak_force=list(outcome.peak_force_n),
@@ -91,15 +93,15 @@ class Fibonacci(OwnAction):
     """The same as whole numbers, in `example_interfaces/action/Fibonacci`, whose goal is ignored:
     the standard action that every installation has, where `grasp_msgs` was not built."""
 
-    def goal(self, request: Any) -> Goal:
+    def goal(self, request: Ros) -> Goal:
         return Goal()
 
-    def feedback(self, step: Step) -> Any:
+    def feedback(self, step: Step) -> Ros:
         control = step.control
         numbers = (*control.probabilities, control.registered, *control.estimated_n)
         return self.kind.Feedback(sequence=[_thousandths(number) for number in numbers])
 
-    def result(self, outcome: Outcome) -> Any:
+    def result(self, outcome: ClientResult) -> Ros:
         numbers = (outcome.success, outcome.slip_distance_m, *outcome.peak_force_n)
         return self.kind.Result(sequence=[_thousandths(number) for number in numbers])
 
@@ -172,7 +174,7 @@ class GraspNode:
 
     # Action
 
-    def _accept(self, request: Any) -> Any:
+    def _accept(self, request: Ros) -> Ros:
         goal = self._action.goal(request)
         problem = self._lifts.problem(goal)
         if not problem and (signals.received() or self._slot.busy.locked()):
@@ -183,11 +185,11 @@ class GraspNode:
         self._slot.stopping = False
         return GoalResponse.ACCEPT
 
-    def _cancel(self, handle: Any) -> Any:
+    def _cancel(self, handle: Ros) -> Ros:
         self._stop()
         return CancelResponse.ACCEPT
 
-    def _lift(self, handle: Any) -> Any:
+    def _lift(self, handle: Ros) -> Ros:
         """Run a lift to its end. Only here is anything taken: an accepted goal may never start."""
         with self._slot.taken() as free:
             if not free or signals.received():  # accepted at the same time as another one
@@ -198,7 +200,7 @@ class GraspNode:
                 child = self._slot.start(self._lifts.words(self._action.goal(handle.request)), True)
                 messages = self._follow(child, handle)
                 printed = child.result()
-                outcome = Outcome.of(printed)
+                outcome = ClientResult.of(printed)
                 self._last = outcome.verdict
                 self._problems = _problems(messages, printed.get("error"))
                 if handle.is_cancel_requested:
@@ -212,7 +214,7 @@ class GraspNode:
             finally:
                 self._publish_state(IDLE)
 
-    def _follow(self, child: Child, handle: Any) -> RosMessages | None:
+    def _follow(self, child: Child, handle: Ros) -> RosMessages | None:
         """Publish what the lift feeds, until it ends."""
         messages, due_ns, shown = None, 0, None
         for line in child.lines():
@@ -271,7 +273,7 @@ class GraspNode:
 
 
 def _problems(
-    messages: RosMessages | None, error: dict[str, Any] | None
+    messages: RosMessages | None, error: JsonObject | None
 ) -> dict[str, tuple[int, Fault]]:
     """Problems of a finished lift: of its devices, or why it did not run."""
     found = messages.problems if messages else {}
@@ -281,10 +283,10 @@ def _problems(
     return found
 
 
-def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
+def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Ros, Ros], Ros]:
     """Callback of a Trigger service."""
 
-    def serve(_: Any, response: Any) -> Any:
+    def serve(_: Ros, response: Ros) -> Ros:
         response.success, response.message = act()
         return response
 
@@ -292,13 +294,13 @@ def _trigger(act: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
 
 
 @cache
-def message_type(name: str) -> Any:
+def message_type(name: str) -> Ros:
     """The class of `package/msg/Name`, or of `package/Name`."""
     package, *_, kind = name.split("/")
     return getattr(import_module(f"{package}.msg"), kind)
 
 
-def fill(message: Any, fields: dict[str, Any]) -> None:
+def fill(message: Ros, fields: JsonObject) -> None:
     """Set fields of a message, also nested ones, from plain values."""
     types = message.get_fields_and_field_types()
     for name, value in fields.items():

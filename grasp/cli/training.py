@@ -1,18 +1,23 @@
 """`grasp dataset`: build or collect labelled recordings. `grasp detector train`: train a network on
 them and write its weights (extra `train`)."""
 
-import argparse
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from detector.network_file import WEIGHTS_SUFFIX
-from detector.recordings import SUFFIX, write
+from detector.recordings import SUFFIX, Recording, write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
 from grasp.cli import exits
+from grasp.cli.commands import (
+    DatasetBuildOptions,
+    DatasetCollectOptions,
+    DatasetImportOptions,
+    TrainOptions,
+)
 from grasp.cli.detector import warn
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
@@ -25,12 +30,17 @@ from scenarios.trial.result import versions
 from scenarios.trial.run_folder import RUNS
 from scenarios.world import COMPILING, is_compiled
 
+if TYPE_CHECKING:
+    from detector.network_file import NetworkCard
+    from detector.training.fit import Training
+    from detector.training.validation import Score
+
 PROGRESS_S = 10.0  # longest time between two progress lines of a training
 # options that are settings of a training
 SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
-def dataset_build(args: argparse.Namespace) -> int:
+def dataset_build(args: DatasetBuildOptions) -> int:
     from scenarios.acquire.datasets import build
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 
@@ -63,7 +73,7 @@ def dataset_build(args: argparse.Namespace) -> int:
     return show(args, value, text)
 
 
-def dataset_collect(args: argparse.Namespace) -> int:
+def dataset_collect(args: DatasetCollectOptions) -> int:
     from scenarios.acquire.datasets import build
 
     for source in args.source:
@@ -71,8 +81,7 @@ def dataset_collect(args: argparse.Namespace) -> int:
     made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking, "warnings": warn(args, made.recordings)}
-    value |= dict[Any, Any](made.counts)
-    show(args, value, f"{args.out}: {counts}")
+    show(args, value | {**made.counts}, f"{args.out}: {counts}")
     if made.lacking and not args.json:
         for split, kinds in made.lacking.items():
             exits.print_detail(f"none for {split}: {', '.join(kinds)}")
@@ -80,7 +89,7 @@ def dataset_collect(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def dataset_import(args: argparse.Namespace) -> int:
+def dataset_import(args: DatasetImportOptions) -> int:
     if args.labels and len(args.file) > 1:
         raise UsageError("--labels belongs to one FILE", "import one after the other")
     options = ImportOptions(
@@ -88,7 +97,7 @@ def dataset_import(args: argparse.Namespace) -> int:
         taxels=args.taxels, sign=args.sign, rest_s=args.rest_seconds, labels=args.labels,
         resample=args.resample,
     )  # fmt: skip
-    imported: dict[Path, Any] = {}
+    imported: dict[Path, tuple[Recording, list[str]]] = {}
     for file in args.file:
         out = args.out / f"{file.stem}{SUFFIX}"
         if out in imported or out.exists():
@@ -97,18 +106,18 @@ def dataset_import(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for out, (recording, changes) in imported.items():
         write(out, recording)
-        kept = recording.metadata
+        sha256 = {} if recording.metadata is None else recording.metadata.files
         warnings = warn(args, [recording])
         value = {"file": out, "samples": len(recording.t_s), "fingers": recording.fingers,
-                 "changes": changes, "sha256": kept.files, "warnings": warnings}  # fmt: skip
-        hashes = [f"SHA-256 of {name}: {digest}" for name, digest in kept.files.items()]
+                 "changes": changes, "sha256": sha256, "warnings": warnings}  # fmt: skip
+        hashes = [f"SHA-256 of {name}: {digest}" for name, digest in sha256.items()]
         text = f"{out}: {len(recording.t_s)} samples, fingers: {recording.fingers}"
         lines = [one_line(line, exits.MAX_CHARACTERS) for line in (text, *changes, *hashes)]
         show(args, value, "\n  ".join(lines))
     return exits.SUCCESS
 
 
-def detector_train(args: argparse.Namespace) -> int:
+def detector_train(args: TrainOptions) -> int:
     need("train", "torch", "onnx")
     out = args.out or RUNS / f"{args.network}{WEIGHTS_SUFFIX}"
     if out.suffix != WEIGHTS_SUFFIX:
@@ -140,7 +149,7 @@ def detector_train(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
+def _check_files(args: TrainOptions, out: Path, checkpoint: Path) -> None:
     """Check, before data are read, whether weights and checkpoint may be written."""
     out.parent.mkdir(parents=True, exist_ok=True)
     check_writable(out)
@@ -153,7 +162,7 @@ def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
                          "--resume continues it, --force starts again")  # fmt: skip
 
 
-def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
+def _prepare(args: TrainOptions) -> "tuple[Training, list[Recording]]":
     require_whole(args.data)  # before torch, which takes seconds
     from detector.recordings import read_dataset
     from detector.training.fit import Training
@@ -171,7 +180,9 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     return Training(args.network, settings, learnt, validation, used), validation
 
 
-def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
+def _fit(
+    args: TrainOptions, training: "Training", validation: list[Recording], out: Path
+) -> "NetworkCard":
     """Train and write the weights; returns their card. An interruption waits for the end of a
     step."""
     from detector.training.export import export
@@ -183,7 +194,9 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     ):
         smooth: float | None = None
 
-        def report(loss: float, s: Any) -> None:  # a log line for each validation's score
+        def report(
+            loss: float, s: "Score | None"
+        ) -> None:  # a log line for each validation's score
             nonlocal smooth
             smooth = loss if smooth is None else 0.98 * smooth + 0.02 * loss
             best = f", best delay {training.best.delay_ms:.0f} ms" if training.best else ""

@@ -2,7 +2,7 @@
 (``python -m grasp.cli.view``), which reads one JSON message per line until its input ends."""
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -12,7 +12,10 @@ from grasp.run.loop import Tick
 from grasp.run.viewer_process import ignore_signals
 
 if TYPE_CHECKING:
+    from rich.panel import Panel as Frame
     from rich.status import Status
+
+    from scenarios.acquire.session import Sample
 
 BAR_CELLS, TEXT_CELLS = 30, 45  # longest bar; text of a panel's line without its two bars
 FORCE_FULL_N = 12.0
@@ -70,7 +73,7 @@ def tick_view(tick: Tick, event: bool, trial: str = "") -> TickView:
     )  # fmt: skip
 
 
-def sample_line(sample: Any) -> str:
+def sample_line(sample: "Sample") -> str:
     """Line for one sample of an acquisition."""
     x, y, _ = sample.arm.velocity_mps
     return (
@@ -138,7 +141,7 @@ def line(shown: TickView) -> str:
     return f"{shown.t_s:7.2f} s  {shown.phase:<15}  {forces} N  slip {shown.slip}"
 
 
-def panel(shown: TickView, width: int) -> Any:
+def panel(shown: TickView, width: int) -> "Frame":
     """Panel with phase, slip status, and bars of force and probability of each finger, at most
     ``width`` columns wide."""
     from rich.panel import Panel as Frame

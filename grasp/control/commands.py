@@ -14,12 +14,13 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 
 class CloseToLimit(msgspec.Struct, frozen=True, tag=True):
-    """The marked fingers close until ``force_limit_n`` or their count limit; the others hold.
-    ``first_stage``: it ends below the force limit; a second stage follows when the hand rests."""
+    """The marked fingers close until ``force_limit_n`` or the position ``ends_counts``; the others
+    hold. ``first_stage``: it ends below the force limit; a second stage follows when the hand
+    rests."""
 
     force_limit_n: float
     closing: tuple[bool, bool, bool]
-    limits_counts: Counts3
+    ends_counts: Counts3
     speed_mps: float
     first_stage: bool = False
 

@@ -64,7 +64,7 @@ class GripMeasure:
         self._before: Reading | None = None  # at the positions before
         self.first: Reading | None = None  # when the first grasp was complete
         self._start: Reading | None = None  # the earliest in the grip, until the first grasp
-        self.limit_counts: int | None = None  # of the thumb, for the next closing
+        self.end_counts: int | None = None  # of the thumb, for the next closing
 
     def update(
         self, t_ns: int, rests: bool, positions: Counts3, estimated_n: Vector3, responsive: bool,
@@ -136,4 +136,4 @@ class GripMeasure:
             stage = min(stage, 1)
         elif self.first is not None and now.positions[0] > self.first.positions[0]:
             stage = max(0, math.floor(fit + self._overshoot_n / self.rise_n))
-        self.limit_counts = now.positions[0] + min(stage, MOST_COUNTS)
+        self.end_counts = now.positions[0] + min(stage, MOST_COUNTS)

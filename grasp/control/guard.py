@@ -139,9 +139,9 @@ class ForceGuard:
         self._first_grasp: tuple[Counts3, Vector3] | None = None
         # With ``travel_bound``, from the first grasp on: positions at which the fingers' force
         # reaches the limit at the stated stiffness, rounded down to motor counts
-        self._travel_limits: Counts3 | None = None
+        self._travel_ends: Counts3 | None = None
         # the thumb's, beyond which it may not close
-        self.thumb_limit_counts: int | None = None
+        self.thumb_end_counts: int | None = None
         self._grasp_m = 0.0  # height of the arm at the first grasp
         self.stalled_n = 0.0  # greatest estimated force at which the thumb stopped by force
 
@@ -163,7 +163,7 @@ class ForceGuard:
                 self._grasp_m = height_m
             risen = height_m >= self._grasp_m + RISEN_M
             self.grip.update(obs.t_ns, obs.hand_rests, closure, estimated_n, responsive, risen)
-            self.thumb_limit_counts = self.grip.limit_counts
+            self.thumb_end_counts = self.grip.end_counts
             if self.grip.now is not None and obs.gripper.thumb_latched:
                 self.stalled_n = max(self.stalled_n, self.grip.now.force_n)
 
@@ -173,7 +173,7 @@ class ForceGuard:
         self._grasped = True
         if self.grip is not None:
             self.grip.begin()
-            self.thumb_limit_counts = self.grip.limit_counts
+            self.thumb_end_counts = self.grip.end_counts
             return
         estimated_n = _balanced(estimated_n)
         self._first_grasp = (positions, estimated_n)
@@ -182,8 +182,8 @@ class ForceGuard:
                 position + self._stiffness.counts_within(self._settings.force_limit_n - force_n)
                 for position, force_n in zip(positions, estimated_n, strict=True)
             )
-            self._travel_limits = a, b, c
-            self.thumb_limit_counts = a
+            self._travel_ends = a, b, c
+            self.thumb_end_counts = a
 
     def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3 | None:
         """Safe travel: the position of each finger, motor counts, up to which closing may be fast.
@@ -256,14 +256,14 @@ class ForceGuard:
         s = self._settings
         if self.overloaded(estimated_n) or (self._travel_bound and self._first_grasp is None):
             return HoldFingers()
-        limits = self._within_travel(command.limits_counts, state, estimated_n)
+        limits = self._within_travel(command.ends_counts, state, estimated_n)
         closing = THUMB_ALONE if s.limit_mode == "every_finger" else command.closing
         # a finger that holds does not limit the speed
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseToLimit(
             force_limit_n=self._limited_force(command.force_limit_n),
             closing=closing,
-            limits_counts=limits,
+            ends_counts=limits,
             speed_mps=self._limited_speed(command.speed_mps, moved, state, estimated_n),
             first_stage=command.first_stage,
         )
@@ -281,7 +281,7 @@ class ForceGuard:
             free = self.safe_travel(state, estimated_n) or self._free_counts
             slow_mps = self.closing_speed_mps
         else:
-            end = self.grip.limit_counts
+            end = self.grip.end_counts
             free = (state.positions[0] if end is None else end, *state.positions[1:])
             slow_mps = self._least_speed_mps
         within = all(target <= most for target, most in zip(targets, free, strict=True))
@@ -295,7 +295,7 @@ class ForceGuard:
     def _within_travel(
         self, targets: Counts3, state: GripperState, estimated_n: Vector3
     ) -> Counts3:
-        ends = self._travel_limits
+        ends = self._travel_ends
         if self.grip is not None:
             ends = self._touched_ends(state, estimated_n)
         if ends is None:
@@ -308,9 +308,9 @@ class ForceGuard:
         by single counts, while one more cannot exceed the limit."""
         grip = self.grip
         assert grip is not None  # noqa: S101
-        if grip.limit_counts is not None:
+        if grip.end_counts is not None:
             a, b, c = state.requested  # no limit makes a finger open
-            return max(a, grip.limit_counts), b + 1, c + 1
+            return max(a, grip.end_counts), b + 1, c + 1
         now, most_n = grip.now, self._settings.force_limit_n - grip.rise_n
         more = now is not None and now.force_n <= most_n
         fingers = zip(state.positions, state.requested, estimated_n, strict=True)

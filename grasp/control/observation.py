@@ -59,7 +59,7 @@ class Observation(StepInput, kw_only=True):
     taxels only, which are neither saturated nor stuck and so would show the loss of contact.
     ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
-    ``thumb_limit_counts``: see ``ForceGuard``.
+    ``thumb_end_counts``: see ``ForceGuard``.
     ``reading``, ``rise_n``, ``rise_measured``: of a grip by touch, see ``GripMeasure``.
     ``motion``: reads the kind of slip, where the detector estimates it: once, at the latest before
     the next step. It is only recorded and shown, and takes longer than the detector itself.
@@ -73,7 +73,7 @@ class Observation(StepInput, kw_only=True):
     overloaded: bool = False
     last_close: CloseToLimit | None = None
     safe_travel_counts: Counts3 | None = None
-    thumb_limit_counts: int | None = None
+    thumb_end_counts: int | None = None
     reading: Reading | None = None
     rise_n: float | None = None
     rise_measured: bool = False
@@ -130,13 +130,13 @@ class Observation(StepInput, kw_only=True):
         close, thumb = self.last_close, self.gripper.fingers[0]
         if not self.gripper.at_rest:
             return False
-        if self.thumb_limit_counts is not None:
-            return self.gripper.thumb_latched or thumb.position_counts >= self.thumb_limit_counts
+        if self.thumb_end_counts is not None:
+            return self.gripper.thumb_latched or thumb.position_counts >= self.thumb_end_counts
         if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
-        fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
-        for finger, closes, limit_counts in fingers:
-            at_limit = finger.position_counts >= limit_counts and not close.first_stage
+        fingers = zip(self.gripper.fingers, close.closing, close.ends_counts, strict=True)
+        for finger, closes, end_counts in fingers:
+            at_limit = finger.position_counts >= end_counts and not close.first_stage
             if closes and not at_limit and finger.detection is not Detection.CONTACT_CLOSING:
                 return False
         return True

@@ -125,7 +125,7 @@ class GraspStep(Generic[AnyController]):
             self._guard.observe(obs, self._estimated_n, self._monitors.fingertips.all_responsive)
             obs.reading, obs.rise_n, obs.rise_measured = grip.now, grip.rise_n, grip.measured
         obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
-        obs.thumb_limit_counts = self._guard.thumb_limit_counts
+        obs.thumb_end_counts = self._guard.thumb_end_counts
         obs.motion = partial(self._kind_of_slip, probabilities, [])
 
     def _estimate_force(self, counts: list[list[int]]) -> None:

@@ -436,7 +436,7 @@ def to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
         return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
     if isinstance(command, CloseToLimit):
         return gripper.close_to_limit(
-            command.force_limit_n, command.closing, command.limits_counts, command.speed_mps
+            command.force_limit_n, command.closing, command.ends_counts, command.speed_mps
         )
     if isinstance(command, OpenFingers):
         return gripper.open(command.speed_mps)

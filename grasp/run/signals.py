@@ -79,12 +79,13 @@ class _State:
 
 
 _taken: _State | None = None
+_UNUSED = _State()  # of other threads, and outside `taken`
 
 
 def _state() -> _State:
     """State of this process; an unused one in other threads and outside ``taken``."""
     here = _taken is not None and _taken.thread == threading.get_ident()
-    return _taken if _taken and here else _State()
+    return _taken if _taken and here else _UNUSED
 
 
 @contextmanager

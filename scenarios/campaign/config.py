@@ -1,13 +1,12 @@
 """Settings of a lift or a tap, and their loading."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
 from grasp.settings import load
 from scenarios.lift.config import LiftConfig
-from scenarios.rigs.calibration import Files, user_layers
+from scenarios.rigs.calibration import Assignments, Files, user_layers
 from scenarios.rigs.config import HARDWARE, part
 from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
@@ -33,7 +32,7 @@ def load_config(
     rig: str,
     detector: str | None = None,
     files: Files = None,
-    assignments: Sequence[str] = (),
+    assignments: Assignments = (),
     profile: str = DEFAULT_PROFILE,
 ) -> RunConfig:
     """Settings from the layers of ``trial_layers``. Raises ConfigError for an unknown name, a value
@@ -63,7 +62,7 @@ def load_for_devices(
     object_name: str,
     rig: str,
     files: Files = None,
-    assignments: Sequence[str] = (),
+    assignments: Assignments = (),
     detector: str = "energy",
 ) -> RunConfig:
     """Settings for commands without a trial, whose files may configure any detector. Raises as

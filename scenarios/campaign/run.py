@@ -9,7 +9,7 @@ import msgspec
 from drivers.errors import GraspError
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import Finished, Row, error_row, remove_left_folders, run_trial
+from scenarios.campaign.worker import Row, error_row, remove_left_folders, run_trial
 from scenarios.rigs.workers import Outcome, Workers, outcomes
 
 CAMPAIGNS = Path("runs/campaigns")
@@ -26,7 +26,7 @@ class Progress(msgspec.Struct, frozen=True):
 
 
 OnProgress = Callable[[Progress], None]
-Work = Callable[[Task], Finished]
+Work = Callable[[Task], tuple[Row, bytes | None]]
 
 
 def default_path(spec: CampaignSpec) -> Path:
@@ -57,7 +57,7 @@ def run(
         # closed on any exception: the workers must not outlive this call
         with closing(outcomes(work, todo, workers)) as results:
             for outcome in results:
-                row = store.add(outcome.result or Finished(_error_row(outcome)))
+                row = store.add(*(outcome.result or (_error_row(outcome), None)))
                 progress = Progress(
                     total=progress.total,
                     done=progress.done + 1,
@@ -69,7 +69,7 @@ def run(
     return progress
 
 
-def _error_row(outcome: Outcome[Task, Finished]) -> Row:
+def _error_row(outcome: Outcome[Task, tuple[Row, bytes | None]]) -> Row:
     error = outcome.error
     known = isinstance(error, GraspError)
     return error_row(outcome.task, str(error) if known else f"{type(error).__name__}: {error}")

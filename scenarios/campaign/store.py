@@ -24,7 +24,7 @@ from grasp.files import (
     write_whole,
 )
 from scenarios.campaign.spec import CampaignSpec, Combination
-from scenarios.campaign.worker import Finished, Row
+from scenarios.campaign.worker import Row
 
 FORMAT = "grasp-campaign 8"
 COLUMNS = Row.__struct_fields__
@@ -173,14 +173,14 @@ class CampaignStore:
         """Numbers of the trials that finished without an error."""
         return {row.trial for row in self.rows() if row.status == "done"}
 
-    def add(self, finished: Finished) -> Row:
+    def add(self, row: Row, recording: bytes | None = None) -> Row:
         """Write the recording, then the row; both are on disk on return.
 
         On CouldNotRecord neither is left.
         """
-        row, file = finished.row, None
-        if finished.recording is not None:
-            file = self._write_recording(row, finished.recording)
+        file = None
+        if recording is not None:
+            file = self._write_recording(row, recording)
             row = msgspec.structs.replace(row, recording=f"{file.parent.name}/{file.name}")
         try:
             with _write_errors(self.path):

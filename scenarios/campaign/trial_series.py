@@ -9,20 +9,20 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
 from drivers.interfaces import Vector3
+from grasp.control.fault import INTERRUPTED, SAFETY_STOP
 from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import CampaignSpec, Combination, Task
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import AnyRun, Finished, Row, cost_columns, error_row, judged_row
+from scenarios.campaign.worker import Row, cost_columns, error_row, judged_row
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.series import RemainingTrials, TrialContext
-
-INTERRUPTED = "interrupted"  # kind of failure: no row, the trial is run again
-JUDGED = "safety_stop"  # kind of failure that counts as a verdict: no device failed
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.result import JudgedTrial
+from scenarios.trial.series import run_series
 
 
 class TrialSeries(msgspec.Struct, frozen=True):
@@ -62,39 +62,41 @@ class TrialSeries(msgspec.Struct, frozen=True):
         grid = [Combination(self.scenario, {}, self.config)]
         return CampaignStore.create(out, self.spec(), grid, resume)
 
+    def run(
+        self, context: TrialContext, store: CampaignStore | None
+    ) -> Iterator[tuple[JudgedTrial[Any], Row | None]]:
+        """Run the trials that the store lacks; yields each with its row, which is already stored.
 
-def run(
-    trials: TrialSeries, context: TrialContext, store: CampaignStore | None
-) -> Iterator[tuple[AnyRun, Row | None]]:
-    """Run the trials that the store lacks; yields each with its row, which is already stored.
+        Ends after one with a failure. An interrupted trial has no row, and a device error makes an
+        error row: both are run again on resumption, or at once as in ``scenarios.trial.series``.
+        Raises as ``scenarios.trial.series``, and CouldNotRecord.
+        """
+        rows = [] if store is None else store.rows()
+        stored = {row.trial for row in rows if row.status == "done"}
+        todo = {task.seed: task for task in self.tasks() if task.number not in stored}
+        if not todo:
+            return
+        numbers = [task.number + 1 for task in todo.values()]
+        wall, cpu = time.perf_counter(), time.process_time()
+        experiment, seeds = EXPERIMENTS[self.scenario], list(todo)
+        with closing(
+            run_series(experiment, self.config, seeds, context, numbers, self.trials, home_of(rows))
+        ) as series:
+            for judged in series:
+                result = judged.result  # None: the trial did not begin
+                row = None if result is None else row_of(todo[result.seed], judged)
+                if result is not None and row is not None:
+                    row = msgspec.structs.replace(row, **cost_columns(wall, cpu))
+                    if store is not None:
+                        row = store.add(_with_recording(row, result.recording, store.path))
+                yield judged, row
+                wall, cpu = time.perf_counter(), time.process_time()
 
-    Ends after one with a failure. An interrupted trial has no row, and a device error makes an
-    error row: both are run again on resumption, or at once as in ``scenarios.trial.series``.
-    Raises as ``scenarios.trial.series``, and CouldNotRecord.
-    """
-    rows = [] if store is None else store.rows()
-    stored = {row.trial for row in rows if row.status == "done"}
-    todo = {task.seed: task for task in trials.tasks() if task.number not in stored}
-    if not todo:
-        return
-    numbers = tuple(task.number + 1 for task in todo.values())
-    remaining = RemainingTrials(numbers, trials.trials, home_of(rows))
-    wall, cpu = time.perf_counter(), time.process_time()
-    context = msgspec.structs.replace(context, remaining=remaining)
-    experiment = EXPERIMENTS[trials.scenario]
-    with closing(experiment.run_series(trials.config, list(todo), context)) as series:
-        for finished in series:
-            result = finished.result  # None: the trial did not begin
-            row = None if result is None else row_of(todo[result.seed], finished)
-            if row is not None:
-                row = msgspec.structs.replace(row, **cost_columns(wall, cpu))
-                if store is not None:
-                    recording = None if result is None else result.recording
-                    if recording is not None:
-                        recording = os.path.relpath(recording, store.path.parent)
-                    row = store.add(Finished(msgspec.structs.replace(row, recording=recording)))
-            yield finished, row
-            wall, cpu = time.perf_counter(), time.process_time()
+
+def _with_recording(row: Row, recording: str | None, file: Path) -> Row:
+    """The row with the path of the recording relative to the series' file."""
+    shown = None if recording is None else os.path.relpath(recording, file.parent)
+    return msgspec.structs.replace(row, recording=shown)
 
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
@@ -103,12 +105,13 @@ def home_of(rows: Sequence[Row]) -> Vector3 | None:
     return next((msgspec.convert(home, Vector3) for home in homes if home is not None), None)
 
 
-def row_of(task: Task, finished: AnyRun) -> Row | None:
+def row_of(task: Task, judged: JudgedTrial[Any]) -> Row | None:
     """The row of a trial; None for an interrupted one, an error row for one that a device error
     ended or that ended before it took a home."""
-    failure, result = finished.failure, finished.result
+    failure, result = judged.failure, judged.result
     if result is None or (failure is not None and failure.kind == INTERRUPTED):
         return None
-    if failure is not None and (failure.kind != JUDGED or result.home_m is None):
+    # a safety stop is a verdict: no device failed
+    if failure is not None and (failure.kind != SAFETY_STOP or result.home_m is None):
         return error_row(task, failure.message, result)
     return judged_row(task, result, failure)

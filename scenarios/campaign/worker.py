@@ -13,13 +13,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from grasp.control.fault import INTERRUPTED
+from grasp.control.fault import INTERNAL, INTERRUPTED
 from grasp.control.monitors.checks import DETECTOR_FAILED
 from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import Task
-from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
+from scenarios.trial.result import Failure, TrialResult, versions
 
-AnyRun = FinishedRun[Any]
 FOLDER = ".grasp-trial-being-recorded-"  # beginning of a temporary folder's name
 # columns that only one experiment has
 EXPERIMENT_COLUMNS = (
@@ -65,23 +64,16 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     recording: str | None = None
 
 
-class Finished(msgspec.Struct, frozen=True):
-    """A row, and the bytes of its recording if that is kept."""
-
-    row: Row
-    recording: bytes | None = None
-
-
 def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | None]:
     """Run and judge one trial. Raises RuntimeError for an internal error or one of the detector,
     KeyboardInterrupt."""
-    finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.run_config, trial.seed, runs)
-    result, failure = finished.result, finished.failure
+    judged = EXPERIMENTS[trial.scenario].run(trial.run_config, trial.seed, runs)
+    result, failure = judged.result, judged.failure
     if result is not None and result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
     if result is not None and result.bug is not None:
         raise RuntimeError(result.bug.traceback)
-    if result is None or (failure is not None and failure.kind == "internal"):
+    if result is None or (failure is not None and failure.kind == INTERNAL):
         raise RuntimeError("no result" if failure is None else failure.message)
     broken = next((f.line for f in result.faults if f.code == DETECTOR_FAILED), None)
     if broken is not None:  # a trial without a working detector has no verdict
@@ -89,15 +81,15 @@ def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | Non
     return result, failure
 
 
-def run_trial(trial: Task) -> Finished:
-    """Run one trial; an exception in it becomes a row with its error."""
+def run_trial(trial: Task) -> tuple[Row, bytes | None]:
+    """Run one trial; returns its row, and the bytes of its recording if that is kept. An exception
+    in it becomes a row with its error."""
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        finished = _run(trial)
+        row, recording = _run(trial)
     except Exception:
-        finished = Finished(error_row(trial, traceback.format_exc()))
-    row = msgspec.structs.replace(finished.row, **cost_columns(wall, cpu))
-    return Finished(row, finished.recording)
+        row, recording = error_row(trial, traceback.format_exc()), None
+    return msgspec.structs.replace(row, **cost_columns(wall, cpu)), recording
 
 
 def cost_columns(wall: float, cpu: float) -> dict[str, Any]:
@@ -115,17 +107,17 @@ def error_row(trial: Task, error: str, result: TrialResult | None = None) -> Row
     return Row(**identity(trial), status="error", error=error, result=partial)
 
 
-def _run(trial: Task) -> Finished:
+def _run(trial: Task) -> tuple[Row, bytes | None]:
     if trial.recordings != "all":
         result, failure = run_once(trial, None)
         if trial.recordings == "none" or not result.failed:
-            return Finished(judged_row(trial, result, failure))
+            return judged_row(trial, result, failure), None
     # a failed trial is repeated, with the same result, because most trials need no recording
     with tempfile.TemporaryDirectory(prefix=FOLDER) as folder, _locked(folder):
         result, failure = run_once(trial, Path(folder))
         if result.recording is None:
             raise OSError("nothing was recorded" if failure is None else failure.message)
-        return Finished(judged_row(trial, result, failure), Path(result.recording).read_bytes())
+        return judged_row(trial, result, failure), Path(result.recording).read_bytes()
 
 
 @contextmanager

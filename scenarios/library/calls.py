@@ -12,12 +12,12 @@ import msgspec
 from detector.interface import SlipDetector
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import evaluate_recording
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.control.fault import INTERRUPTED
 from grasp.policy_reflex import Reflex
 from grasp.run.clock import stopwatch_ns
-from grasp.settings import file_of
+from grasp.settings import Layer, file_of, layer_of
 from scenarios.campaign import run as campaign_runner
 from scenarios.campaign.config import RunConfig, load_config, load_lift
 from scenarios.campaign.spec import read_spec
@@ -42,11 +42,11 @@ from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
-from scenarios.trial.result import Failure, FinishedRun, ResultT
+from scenarios.trial.result import Failure, JudgedTrial, ResultT
 from scenarios.world import COMPILING, is_compiled
 
 File = str | Path
-Settings = Mapping[str, Any]  # `section.key` to a value, as `--set` takes them
+Settings = Mapping[str, Any]  # `section.key` to a value, or a section to a mapping
 TACTILE = (".csv", SUFFIX)  # suffixes of a fingertip's recording
 
 
@@ -72,7 +72,8 @@ def lift(
             a replay can load again; None: the profile's.
         profile: a name in `config/profiles`.
         config: a TOML file that overrides the packaged settings, or several in order.
-        settings: single values that override the files, as `{"object.mass_kg": 0.3}`.
+        settings: values that override the files, as `{"object.mass_kg": 0.3}` or
+            `{"object": {"mass_kg": 0.3}}`.
         runs: parent of the run's folder; None: a temporary folder, deleted with the result.
 
     Raises:
@@ -139,7 +140,7 @@ def replay(
 
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
-    config = _load("can", "simulated", detector, None, _assignments(settings))
+    config = load_config("can", "simulated", detector, None, _layer(settings))
     recording = read(path, labelled=False)
     replayed = replay_tactile(config, recording)
     sheet = None
@@ -196,7 +197,7 @@ def detector(
         BadFile: for a network whose file is damaged.
         UsageError: for a number of taxels that it does not support.
     """
-    config = _load("can", "simulated", name, None, _assignments(settings))
+    config = load_config("can", "simulated", name, None, _layer(settings))
     return config.make_detector(fingers, taxels)
 
 
@@ -225,11 +226,9 @@ def reflex(
         ConfigError: for an unknown name, or a force limit that the hand cannot keep.
         BadFile: for a detector that cannot be loaded.
     """
-    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
-    files = [_path("config", file) for file in given if file is not None]
     limit = {} if force_limit_n is None else {"guard.force_limit_n": force_limit_n}
-    assignments = _assignments({**(settings or {}), **limit})
-    return make_reflex(_load("can", rig, detector, files, assignments, profile))
+    given = _layer({**(settings or {}), **limit})
+    return make_reflex(load_config("can", rig, detector, _files(config), given, profile))
 
 
 def _config(
@@ -249,9 +248,7 @@ def _config(
         if word is not None:
             _path(key, word)
     _check_number("seed", seed)
-    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
-    files = [_path("config", file) for file in given if file is not None]
-    chosen = _load(name, rig, detector, files, _assignments(settings), profile, loads=loads)
+    chosen = loads(name, rig, detector, _files(config), _layer(settings), profile)
     if chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"
@@ -259,13 +256,9 @@ def _config(
     return chosen
 
 
-def _load(*named: Any, loads: Callable[..., RunConfig] = load_config) -> RunConfig:
-    """As ``load_config``; an error names the argument `settings`, not the option."""
-    try:
-        return loads(*named)
-    except ConfigError as error:
-        file, *rest = error.args
-        raise ConfigError("settings" if file == "--set" else file, *rest) from None
+def _files(config: File | Sequence[File] | None) -> list[Path]:
+    given = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
+    return [_path("config", file) for file in given if file is not None]
 
 
 def _path(name: str, value: object) -> Path:
@@ -279,12 +272,12 @@ def _check_number(name: str, value: object) -> None:
         raise UsageError(f"{name}: {value!r} is not a whole number of 0 or more", "use 0, 1, 2 ...")
 
 
-def _assignments(settings: Settings | None) -> list[str]:
-    """Settings in the format of `--set`. Raises UsageError for what is no mapping to values."""
+def _layer(settings: Settings | None) -> Layer:
+    """The user's settings; raises UsageError for what is no mapping to values."""
     if not isinstance(settings, Mapping | None):
         raise UsageError(f"settings: {settings!r} is not a mapping",
                          'use a dict, such as {"object.mass_kg": 0.3}')  # fmt: skip
-    return [f"{key}={msgspec.json.encode(x).decode()}" for key, x in (settings or {}).items()]
+    return layer_of("settings", msgspec.to_builtins(dict(settings or {})).items())
 
 
 def _say(text: str) -> None:
@@ -295,7 +288,7 @@ def _folder(runs: File | None) -> Path:
     return Path(tempfile.mkdtemp(prefix="grasp-library-")) if runs is None else _path("runs", runs)
 
 
-def _read_result(finished: FinishedRun[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:
+def _read_result(finished: JudgedTrial[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:
     """Result, failure and recording of a run. Raises UsageError where there is no result."""
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:

@@ -4,6 +4,7 @@ Success as in the paper (section V-C): slip correctly detected and compensated, 
 grasped and lifted. For long objects the distance between first and final grasp counts.
 """
 
+import math
 from enum import StrEnum
 
 import msgspec
@@ -18,6 +19,7 @@ NEAR_M, FAR_M = 0.06, 0.12  # of a long object's slip (paper, table IV)
 EARLY_S = 0.05  # registered this long before gross slip is no false start; assumed
 LEAST_GRIP_N = 0.5  # without a simulation: below this estimated force the object is lost; assumed
 SMALL_M = 0.001  # by touch, less slip than this that is not registered is no failure
+TURNED_RAD = math.radians(20.0)  # an object that turned by more is not held as it was gripped
 LIFTED_M = 0.005  # the object must be this far off the table at the end; assumed
 
 
@@ -28,6 +30,8 @@ class LiftOutcome(StrEnum):
     HELD_WITHIN_12CM = "held_within_12cm"
     HELD = "held"
     BEYOND_12CM = "beyond_12cm"
+    TURNED = "turned"
+    CRUSHED = "crushed"
     DROPPED = "dropped"
     EXPELLED = "expelled"
     NEVER_SLIPPED = "never_slipped"
@@ -52,6 +56,7 @@ class LiftResult(TrialResult, frozen=True, kw_only=True):
     reaction_latency_ms: float | None
     slip_distance_m: float | None
     turned_rad: float | None  # in the hand, about the closing axis; None without a simulation
+    over_least: float | None  # the thumb's force then, over the least that holds the object
     settled_force_n: dict[str, float] | None
     alarm_stayed: bool
 
@@ -90,7 +95,7 @@ def outcome(facts: LiftFacts, body: GraspObject) -> LiftOutcome:
     early = facts.registered_s is not None and false_start(facts)
     if early and not facts.by_touch:
         return LiftOutcome.FALSE_START
-    failed = _not_held(facts)
+    failed = _not_held(facts) or _spoiled(facts, body)
     if failed is not None:
         return failed
     if facts.registered_s is None:
@@ -127,6 +132,14 @@ def _not_held(facts: LiftFacts) -> LiftOutcome | None:
         alarm = facts.limit_reached or facts.alarm_stayed
         return LiftOutcome.ALARM_STAYED if alarm else None
     return LiftOutcome.LIMIT_REACHED if facts.limit_reached else LiftOutcome.DROPPED
+
+
+def _spoiled(facts: LiftFacts, body: GraspObject) -> LiftOutcome | None:
+    """Why an object that is held is not as it was."""
+    if body.crush_n is not None and (facts.peak_force_n or 0.0) > body.crush_n:
+        return LiftOutcome.CRUSHED
+    turned = facts.end is not None and abs(facts.end.turn_rad) > TURNED_RAD
+    return LiftOutcome.TURNED if turned else None
 
 
 def _at_rest_in_the_air(end: Truth) -> bool:

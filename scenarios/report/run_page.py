@@ -234,6 +234,8 @@ HEADS = {
     "held_within_12cm": "The {it} was lifted and held, after a slide of 6 to 12 cm",
     "held": "The {it} was lifted and held",
     "beyond_12cm": "The {it} was held only after a slide of more than 12 cm",
+    "turned": "The {it} was held, but turned by more than 20 degrees in the hand",
+    "crushed": "The {it} was held, with more force than it bears",
     "dropped": "The {it} was dropped",
     "expelled": "The {it} was squeezed out of the hand",
     "never_slipped": "The {it} did not slip, so there was no slip to respond to",

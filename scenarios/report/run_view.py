@@ -130,6 +130,8 @@ def facts(result: Any) -> list[str]:
     if result.slip_distance_m is not None:
         slipped = f"the object slipped {result.slip_distance_m * 1e3:.1f} mm"
         texts.append(", ".join(filter(None, (slipped, turned_text(result.turned_rad)))))
+    if (over := getattr(result, "over_least", None)) is not None:
+        texts.append(f"held with {over:.1f} times the least force that carries it")
     if result.paused_s:
         texts.append(f"the arm stopped for {result.paused_s:.2f} s to respond to slip")
     if peaks_n := result.peak_force_n or result.peak_estimated_n:

@@ -24,6 +24,7 @@ from scenarios.rigs.config import GraspRigConfig
 
 ConfigT = TypeVar("ConfigT", bound=GraspRigConfig)
 Files = Path | Sequence[Path] | None  # user's files, later ones override; none: $GRASP_CONFIG
+Assignments = Sequence[str] | Layer  # `section.key=value`, or a layer of such values
 
 
 def config_files(files: Files) -> list[Path]:
@@ -33,14 +34,15 @@ def config_files(files: Files) -> list[Path]:
     return given or ([Path(named)] if named else [])
 
 
-def user_layers(files: Files, assignments: Sequence[str]) -> list[Layer]:
+def user_layers(files: Files, assignments: Assignments) -> list[Layer]:
     """Layers of the user's files, then of the assignments.
 
     Raises ConfigError for an unreadable file, and for a setting that only a command-line option may
     choose.
     """
     read = map(read_toml, config_files(files))
-    return [without_chosen(layer) for layer in (*read, assignment_layer(assignments))]
+    given = assignments if isinstance(assignments, Layer) else assignment_layer(assignments)
+    return [without_chosen(layer) for layer in (*read, given)]
 
 
 def rig_layers(word: str) -> tuple[str, list[Layer]]:

@@ -20,7 +20,13 @@ from grasp.settings import (
     with_free_name,
     without_chosen,
 )
-from scenarios.rigs.calibration import Files, calibration_layers, rig_layers, user_layers
+from scenarios.rigs.calibration import (
+    Assignments,
+    Files,
+    calibration_layers,
+    rig_layers,
+    user_layers,
+)
 from scenarios.trial.config import DEFAULT_PROFILE
 
 
@@ -74,7 +80,7 @@ def trial_layers(
     rig: str,
     detector: str | None = None,
     files: Files = None,
-    assignments: Sequence[str] = (),
+    assignments: Assignments = (),
     profile: str = DEFAULT_PROFILE,
 ) -> list[Layer]:
     """Layers in order of increasing priority: class defaults, rig, profile, object, detector, files

@@ -124,7 +124,7 @@ class WriteCheck:
             targets = command.targets_counts
             forces = [self._calibration.byte_at_most(command.force_n)] * FINGERS
         elif isinstance(command, CloseToLimit):
-            targets = closing_targets(command.closing, command.limits_counts, stay)
+            targets = closing_targets(command.closing, command.ends_counts, stay)
             byte = self._calibration.byte_at_most(command.force_limit_n)
             forces = [byte if closes else 0 for closes in command.closing]
         return motion_registers(BASIC, targets, speed, forces).to_bytes()

@@ -136,7 +136,7 @@ class _Lift:
             self._latched = not command.first_stage
             self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
             if command.first_stage:
-                self._targets = (command.limits_counts[0], *self._targets[1:])
+                self._targets = (command.ends_counts[0], *self._targets[1:])
 
     def _gripper(self, now_ns: int) -> GripperState:
         """The gripper's state; a thumb that closed is stopped by the object before its target."""

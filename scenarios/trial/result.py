@@ -179,14 +179,11 @@ class Failure(msgspec.Struct, frozen=True):
 ResultT = TypeVar("ResultT", bound=TrialResult)
 
 
-class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
+class JudgedTrial(msgspec.Struct, Generic[ResultT], frozen=True):
     """A result, a failure, or both: a run that ended in a fault has a verdict too."""
 
     result: ResultT | None
     failure: Failure | None
-
-    def as_json(self) -> str:
-        return msgspec.json.encode(self.result).decode()
 
 
 def _quantiles(samples_ns: Sequence[int], unit_ns: float) -> Quantiles | None:

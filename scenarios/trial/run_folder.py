@@ -22,7 +22,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.foxglove import CHANNELS as VIEWER_CHANNELS
 from scenarios.trial.foxglove import ViewerMessages
-from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
+from scenarios.trial.result import REPORT, Bug, Failure, JudgedTrial, ResultT, versions
 from scenarios.world.truth import Truth
 
 RUNS = Path("runs")  # default folder of recordings
@@ -209,7 +209,7 @@ class Record:
             self._viewer_messages.write(write, tick, truth, changes)
         self._watch(tick, truth, controller)
 
-    def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
+    def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> JudgedTrial[ResultT]:
         """Judge the trial, close the recording and write the result. If one of these raises, the
         failure still states the final state of arm and hand; without a verdict there is no
         result."""
@@ -219,7 +219,7 @@ class Record:
             failure = trial.failure(self._config)
             if self._folder is not None:
                 self._folder.finish(result)
-            return FinishedRun(result, failure)
+            return JudgedTrial(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)
         except (Exception, SystemExit) as error:  # a plug-in may exit
@@ -227,7 +227,7 @@ class Record:
             self._abandon()
         if result is not None:
             result = msgspec.structs.replace(result, recording=None)
-        return FinishedRun(result, failure)
+        return JudgedTrial(result, failure)
 
 
 def _with_bug(

@@ -51,6 +51,7 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     # force rise per metre of thumb travel, measured with this hand; null:
     # guard.contact_stiffness_npm
     contact_stiffness_npm: Annotated[float, within(100.0, 1e5)] | None = None
+    crush_n: Annotated[float, within(0.1, 1e3, "of a finger, that breaks it")] | None = None
     shape: Literal["straight", "ellipsoid"] = "straight"
     half_width_m: Annotated[float, within(0.005, 0.07, "along the closing axis, at the widest")]
     half_height_m: Annotated[float, within(0.005, 0.3, "vertical, of an ellipsoid")] = 0.1
@@ -80,6 +81,10 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     def total_kg(self) -> float:
         """Mass with the added weights."""
         return self.mass_kg + self.added_mass_kg
+
+    def least_holding_n(self, acceleration_mps2: float) -> float:
+        """Least force of the thumb that carries it, N, at gravity plus the arm's acceleration."""
+        return self.total_kg * acceleration_mps2 / (2.0 * self.friction_kinetic)
 
     @property
     def inertia_kgm2(self) -> float:

@@ -15,7 +15,8 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
 from scenarios.trial import execution
-from scenarios.trial.series import TrialContext
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.series import run_series
 
 LONG_HOLD = ("hand.activation_s=0.5", "controller.hold_s=20", "controller.lift_height_m=0.05")
 
@@ -62,7 +63,7 @@ def test_time_from_decision_to_reply_with_recorder_display_and_page(
     try:
         with Display("emulated", quiet=False) as display:
             context = TrialContext(tmp_path, on_tick=display.tick, watch=page.watch)
-            [finished] = lift.run_series(config, (0,), context)
+            [finished] = run_series(lift, config, (0,), context)
     finally:
         page.feed.close()
     assert finished.result is not None

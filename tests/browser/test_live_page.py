@@ -9,7 +9,8 @@ import pytest
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
-from scenarios.trial.series import TrialContext
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.series import run_series
 from tests.browser.chromium import BROWSER, Chromium
 
 pytestmark = [
@@ -44,7 +45,7 @@ def test_page_follows_a_run_and_keeps_its_last_instant(
     with Chromium(tmp_path) as page:
         page.call("Page.navigate", url=live.feed.address)
         until(page, "document.documentElement?.dataset.ready")
-        list(lift.run_series(config, [0], TrialContext(None, watch=watch)))
+        list(run_series(lift, config, [0], TrialContext(None, watch=watch)))
         until(page, "document.documentElement.dataset.rows > 100")
         live.feed.say("it was held")
         until(page, "document.getElementById('note').textContent === 'it was held'")

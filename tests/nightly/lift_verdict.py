@@ -8,7 +8,7 @@ from grasp.control.monitors.checks import STOOD_STILL
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
 from scenarios.rigs.calibration import calibration
-from scenarios.trial.result import FinishedRun
+from scenarios.trial.result import JudgedTrial
 from tests.nightly.cell_observer import LOOK_S, MOMENT_S, Aftermath
 from tests.nightly.last_line import (
     CANNOT_COMMAND,
@@ -45,7 +45,7 @@ class ObservedLift(msgspec.Struct, frozen=True):
     peak_n: float = 0.0  # true force
     force_byte: int = 0  # the highest that was sent to the hand
 
-    def of(self, finished: FinishedRun[LiftResult]) -> "ObservedLift":
+    def of(self, finished: JudgedTrial[LiftResult]) -> "ObservedLift":
         result, failure = finished.result, finished.failure
         assert result is not None
         peak_n = max((result.peak_force_n or {"": 0.0}).values())

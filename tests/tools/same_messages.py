@@ -35,6 +35,7 @@ RENAMED = {
     r'"force_cap_n":': '"force_limit_n":',
     r'"CloseFast"': '"CloseToLimit"',
     r'"more":(true|false)': r'"first_stage":\1',
+    r'"limits_counts":': '"ends_counts":',
     r'("sampled_ns":(?:\d+|null))\}': r'\1,"joints_rad":null}',  # as on the rig `simulated`
     # causes of transitions
     r"asked to set down": "set-down requested",

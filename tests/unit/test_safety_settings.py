@@ -57,6 +57,10 @@ MOST: list[tuple[str, tuple[Any, ...], Callable[[Any, Any], bool], float]] = [
     ("GROSS_TURN_RADPS", (GROSS_TURN_RADPS,),
      lambda v, x: on_run.lift_verdict({"turn_speed_radps": x}) in SUCCESSES,
      1e-6),
+    ("TURNED_RAD", (lift.TURNED_RAD,),
+     lambda v, x: on_run.lift_verdict({"turn_rad": -x}) in SUCCESSES, 1e-6),
+    ("GraspObject.crush_n", (6.0, 9.0),
+     lambda v, x: on_run.lift_verdict({}, crush_n=v, peak_force_n=x) in SUCCESSES, 1e-6),
     ("REGISTER_S", (tap.REGISTER_S,),
      lambda v, x: on_run.tap_verdict([Alarm(10.0 + x, 10.0 + x + 0.01)])
      is TapOutcome.REGISTERED, 1e-6),

@@ -98,7 +98,7 @@ class GripperHistory:
                 expected = targets
             case OpenFingers():
                 expected = (0, 0, 0)
-            case CloseToLimit(closing=closing, limits_counts=limits):
+            case CloseToLimit(closing=closing, ends_counts=limits):
                 closes = zip(closing, limits, echo, strict=True)
                 expected = [max(to, at) if moves else at for moves, to, at in closes]
         wrong = [

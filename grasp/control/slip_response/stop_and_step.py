@@ -80,7 +80,7 @@ class StopAndStep(StopAndClose):
 
     def _remaining_counts(self, obs: Observation) -> int:
         """Motor counts by which the guard lets the thumb close further."""
-        end = CLOSED_COUNTS[0] if obs.thumb_limit_counts is None else obs.thumb_limit_counts
+        end = CLOSED_COUNTS[0] if obs.thumb_end_counts is None else obs.thumb_end_counts
         return max(0, end - obs.gripper.requested[0])
 
     def _step_command(self, obs: Observation, steps: int) -> MoveFingers:

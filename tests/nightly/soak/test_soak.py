@@ -20,7 +20,8 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import emulated
 from scenarios.rigs.emulated import CellProcess, cell_process
-from scenarios.trial.series import TrialContext
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.series import run_series
 from tests.nightly.cell_observer import CellObserver
 from tests.nightly.lift_verdict import ObservedLift, problems
 
@@ -150,7 +151,7 @@ def test_long_series_of_lifts_has_no_problems_and_no_growth(
         runs.mkdir()
         watcher.begin()
         context = TrialContext(runs, watch=watcher.watch)
-        with closing(lift.run_series(config, watcher.seeds(), context)) as series:
+        with closing(run_series(lift, config, watcher.seeds(), context)) as series:
             for finished in series:
                 ended = watcher.ended(finished)
                 print(name, watcher.fault, ended, flush=True)

@@ -66,7 +66,7 @@ class Driver:
             self.requested, self.closed = command.targets_counts, False
         elif isinstance(command, CloseToLimit) and command.first_stage:
             _, b, c = self.requested
-            self.requested = (command.limits_counts[0], b, c)
+            self.requested = (command.ends_counts[0], b, c)
             self.last_close = msgspec.structs.replace(command, closing=(True, False, False))
         elif isinstance(command, CloseToLimit):
             self.closed = True
@@ -87,7 +87,7 @@ class Driver:
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         changes.setdefault("last_close", self.last_close)
         changes.setdefault("safe_travel_counts", self.reach)
-        changes.setdefault("thumb_limit_counts", self.end)
+        changes.setdefault("thumb_end_counts", self.end)
         if self.controller.state is State.BRACE:  # the thumb still waits
             _, b_n, c_n = changes.get("estimated_n", (2.0, 1.0, 1.0))  # type: ignore[misc]
             changes["estimated_n"] = (0.0, b_n, c_n)

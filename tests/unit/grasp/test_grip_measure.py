@@ -84,21 +84,21 @@ def test_rise_by_other_fingers_or_with_saturated_taxels_measures_no_lower_stiffn
 
 
 def test_limit_uses_a_share_of_the_room_and_leaves_a_spare_part_of_a_count() -> None:
-    for rise_n, limit_counts in [(2.0, 53), (3.0, 52), (3.9, 52), (4.0, 51), (0.5, 61)]:
+    for rise_n, end_counts in [(2.0, 53), (3.0, 52), (3.9, 52), (4.0, 51), (0.5, 61)]:
         # room of 10 - (1 + rise) N, 0.7 of it in whole counts; one count where 1.3 would fit
-        assert gripped(rise_n).measure.limit_counts == limit_counts, rise_n
+        assert gripped(rise_n).measure.end_counts == end_counts, rise_n
 
 
 def test_force_counts_as_at_least_what_the_first_grasp_predicts() -> None:
     hand = gripped()
     # four counts further, the fingertips show nothing
-    assert hand.at((55, 50, 50), (3.0, 3.0)).limit_counts == 55
+    assert hand.at((55, 50, 50), (3.0, 3.0)).end_counts == 55
 
 
 def test_a_later_stage_uses_the_whole_room_and_the_accepted_overshoot() -> None:
     hand = gripped(2.0)  # 3 N at 51 counts
-    assert hand.at((53, 50, 50), (6.5, 6.5)).limit_counts == 55  # 4.5 N fit into 2 counts of 2 N
-    assert gripped(2.0).at((54, 50, 50), (8.5, 8.5)).limit_counts == 55  # 2.5 N, one count
+    assert hand.at((53, 50, 50), (6.5, 6.5)).end_counts == 55  # 4.5 N fit into 2 counts of 2 N
+    assert gripped(2.0).at((54, 50, 50), (8.5, 8.5)).end_counts == 55  # 2.5 N, one count
 
 
 def test_where_position_alone_bounds_force_counts_as_what_the_first_reading_predicts() -> None:
@@ -117,8 +117,8 @@ def test_where_position_alone_bounds_the_first_stage_by_a_guess_is_one_count() -
     for alone, counts in ((False, 2), (True, 1)):
         hand = Hand(alone)
         hand.at((50, 50, 50), (2.0, 2.0)).begin()
-        assert hand.measure.limit_counts == 50 + counts
-    assert hand.at((51, 50, 50), (3.0, 3.0)).limit_counts == 59  # 7 + 1 N, 1 N a count
+        assert hand.measure.end_counts == 50 + counts
+    assert hand.at((51, 50, 50), (3.0, 3.0)).end_counts == 59  # 7 + 1 N, 1 N a count
     assert hand.measure.rise_n == pytest.approx(1.0)
 
 
@@ -140,7 +140,7 @@ def test_first_rise_in_the_air_replaces_that_on_the_table_but_not_by_less_than_h
 def test_no_closing_is_left_without_a_reading_of_the_first_grasp() -> None:
     measure = GripMeasure(GUESS_N, LIMIT_N, OVERSHOOT_N)
     measure.begin()
-    assert measure.limit_counts is None and measure.first is None
+    assert measure.end_counts is None and measure.first is None
 
 
 def test_a_count_without_a_rise_is_no_stiffness() -> None:

@@ -129,7 +129,7 @@ def test_no_target_is_beyond_the_position_of_the_force_limit(
     g.set_first_grasp((position, position, position), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseToLimit)
-    for limit in admitted.limits_counts:
+    for limit in admitted.ends_counts:
         travel_m = max(0, limit - position) * 0.00077
         assert first_n + stiffness * travel_m <= max(10.0, first_n) + 1e-9
         assert limit <= target
@@ -141,7 +141,7 @@ def test_move_is_bounded_by_position_as_a_closing_is() -> None:
     closing = g.admit(close(), gripper(), NO_FORCE)
     moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
     assert isinstance(closing, CloseToLimit) and isinstance(moving, MoveFingers)
-    assert moving.targets_counts == (closing.limits_counts[0], 55, 55) < (70, 55, 55)
+    assert moving.targets_counts == (closing.ends_counts[0], 55, 55) < (70, 55, 55)
 
 
 def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
@@ -149,7 +149,7 @@ def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
     g.set_first_grasp((55, 55, 55), (12.0, 6.0, 6.0))
     admitted = g.admit(close(), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseToLimit)
-    assert admitted.limits_counts[0] == 55
+    assert admitted.ends_counts[0] == 55
 
 
 @pytest.mark.parametrize(
@@ -264,16 +264,16 @@ def test_unexplained_rise_of_force_reduces_the_safe_travel() -> None:
 
 
 def test_thumb_limit_is_known_only_with_travel_bound() -> None:
-    assert guard(travel_bound=True).thumb_limit_counts is None  # no first grasp is known yet
-    assert after_first_grasp(travel_bound=True).thumb_limit_counts == 59
-    assert after_first_grasp().thumb_limit_counts is None
+    assert guard(travel_bound=True).thumb_end_counts is None  # no first grasp is known yet
+    assert after_first_grasp(travel_bound=True).thumb_end_counts == 59
+    assert after_first_grasp().thumb_end_counts is None
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
     g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     limits = [g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)]
-    assert len({c.limits_counts for c in limits if isinstance(c, CloseToLimit)}) == 1
+    assert len({c.ends_counts for c in limits if isinstance(c, CloseToLimit)}) == 1
 
 
 def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
@@ -303,9 +303,9 @@ def test_thumb_of_a_full_grip_carries_the_sum_of_both_others(mode: str, grip_n: 
 def test_travel_bound_takes_no_reading_of_the_first_grasp_by_one_side_alone() -> None:
     g = guard(travel_bound=True)
     g.set_first_grasp((55, 55, 55), (15.0, 1.0, 1.0))
-    assert g.thumb_limit_counts == 58  # as from 3 N
+    assert g.thumb_end_counts == 58  # as from 3 N
     g.set_first_grasp((55, 55, 55), (2.0, 15.0, 1.0))
-    assert g.thumb_limit_counts == 59
+    assert g.thumb_end_counts == 59
 
 
 @pytest.mark.parametrize("targets", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
@@ -334,7 +334,7 @@ def test_safe_travel_with_an_unexplained_force_ends_at_the_limit() -> None:
 def test_thumb_limit_depends_only_on_the_thumb() -> None:
     g = guard(travel_bound=True)
     g.set_first_grasp((50, 60, 70), FIRST_N)
-    assert g.thumb_limit_counts == 54
+    assert g.thumb_end_counts == 54
 
 
 def test_each_motor_limit_is_described_with_the_double_force_of_the_thumb() -> None:

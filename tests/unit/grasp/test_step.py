@@ -103,7 +103,7 @@ class FakeGuard:
     def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         self.first_grasps.append((positions, estimated_n))
 
-    thumb_limit_counts, grip = 61, None
+    thumb_end_counts, grip = 61, None
 
     def observe(self, obs: Observation, estimated_n: Vector3, responsive: bool) -> None:
         pass
@@ -143,7 +143,7 @@ def test_detector_gets_the_counts_and_the_controller_its_output() -> None:
     assert obs is b.controller.observations[0]
     assert (obs.estimated_n, obs.overloaded, obs.faults) == ((6.0, 6.0, 6.0), False, ())
     assert obs.responsive_n == obs.estimated_n
-    assert (obs.safe_travel_counts, obs.thumb_limit_counts) == ((58, 60, 6), 61)
+    assert (obs.safe_travel_counts, obs.thumb_end_counts) == ((58, 60, 6), 61)
 
 
 @pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])

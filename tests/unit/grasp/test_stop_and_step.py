@@ -140,7 +140,7 @@ def alone(height_m: float = 0.01, **settings: object) -> StopAndStep:
 
 def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observation:
     hand = gripper(positions=(thumb, 55, 55))
-    return observation(0, gripper=hand, thumb_limit_counts=end, arm=arm(moving=moving))
+    return observation(0, gripper=hand, thumb_end_counts=end, arm=arm(moving=moving))
 
 
 def steps(response: StopAndStep, obs: Observation) -> bool:

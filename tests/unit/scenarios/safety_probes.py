@@ -33,11 +33,13 @@ FACTS = LiftFacts(
 )  # fmt: skip
 
 
-def lift_verdict(end: dict[str, float] | None, **facts: Any) -> LiftOutcome:
+def lift_verdict(
+    end: dict[str, float] | None, crush_n: float | None = None, **facts: Any
+) -> LiftOutcome:
     """Verdict of a held long object with changed facts; ``end`` None: no simulation."""
     truth = None if end is None else msgspec.structs.replace(HELD, **end)
     changed = msgspec.structs.replace(FACTS, end=truth, **facts)
-    body = msgspec.structs.replace(config().object, long_body=True)
+    body = msgspec.structs.replace(config().object, long_body=True, crush_n=crush_n)
     return outcome(changed, body)
 
 

@@ -8,7 +8,9 @@ import pytest
 from drivers.checks import Check
 from drivers.errors import Refused, UsageError
 from grasp.cli.main import main
-from grasp.cli.plans import dry_code
+from grasp.cli.plans import dry_code, press_plan
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.press import motion
 from tests.calibrations import PRESSED
 
 PRESSES = "--set " + " --set ".join(PRESSED)
@@ -101,3 +103,11 @@ def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:
     arm = Check("arm program", "fail", "")
     for against, code in (([], 0), ([hand], 4), ([arm], 3), ([hand, arm], 3), ([cell, arm], 4)):
         assert dry_code(against) == code
+
+
+def test_plan_of_an_acquisition_states_its_speeds_forces_and_end() -> None:
+    config = load_acquire_config("planar", "simulated")
+    plan = press_plan(config, motion("45", 0.05, 0.5), 20.0)
+    assert plan[0].startswith("lower the arm at 10 mm/s until finger") and "15 s at most" in plan[0]
+    assert "45 degrees of the fingertip, for 20 s" in plan[2]
+    assert plan[3] == "stop, and return to the start position at 50 mm/s"

@@ -14,7 +14,7 @@ import pytest
 from drivers.addresses import check_host
 from drivers.errors import LinkLost, UsageError
 from grasp.cli import emulate
-from grasp.cli.commands import build_parser
+from grasp.cli.device_commands import EmulateOptions
 from grasp.cli.emulate import Console, check_address, lab_settings
 from scenarios.campaign.config import load_config
 
@@ -62,7 +62,7 @@ def test_settings_are_written_over_older_ones_and_no_other_file(
     monkeypatch.setattr(emulate, "Console", Mock())
     monkeypatch.setattr(emulate, "end_on_signals", Mock())
     file = tmp_path / "lab.toml"
-    args = build_parser().parse_args(["emulate", "--write", str(file)])
+    args = EmulateOptions(write=file)
     file.write_text("[modbus]\nhost = 'mine'\n")
     with pytest.raises(UsageError, match="exists already"):
         emulate.emulate(args)

@@ -12,9 +12,9 @@ import pytest
 from drivers.errors import ConfigError, UsageError
 from grasp.cli import ros, ros_lifts
 from grasp.cli.child import Child
-from grasp.cli.commands import build_parser
+from grasp.cli.commands import RosOptions, build_parser
 from grasp.cli.main import main
-from grasp.cli.ros_lifts import Goal, Lifts, Outcome, Slot
+from grasp.cli.ros_lifts import ClientResult, Goal, Lifts, Slot
 from grasp.control.slip_monitor import ARMED
 from grasp.control.states import State
 from grasp.control.transition import Decision
@@ -25,7 +25,7 @@ from tests.unit.grasp.builders import observation
 
 
 def lifts(*words: str) -> Lifts:
-    return Lifts(build_parser().parse_args(["ros", *words]))
+    return Lifts(RosOptions.of(build_parser().parse_args(["ros", *words])))
 
 
 def test_a_lift_has_the_options_of_the_node_and_its_own_seed() -> None:
@@ -82,7 +82,7 @@ def test_a_settings_file_that_becomes_a_pipe_refuses_the_goal(tmp_path: Path) ->
 def test_a_client_is_told_success_only_of_a_lift_that_was_one(
     printed: dict[str, Any], success: bool, verdict: str, slip_m: float | None
 ) -> None:
-    outcome = Outcome.of({"peak_force_n": {"A": 4.0}, **printed})
+    outcome = ClientResult.of({"peak_force_n": {"A": 4.0}, **printed})
     assert (outcome.success, outcome.verdict) == (success, verdict)
     assert outcome.slip_distance_m == slip_m or math.isnan(outcome.slip_distance_m)
     assert outcome.peak_force_n[0] == 4.0 or "error" in printed

@@ -15,8 +15,8 @@ from drivers.errors import UsageError
 from drivers.ur.link import preflight
 from grasp.cli.lab import warn_of_height
 from grasp.cli.main import main
-from scenarios.campaign import trial_series
 from scenarios.campaign.config import load_for_devices
+from scenarios.campaign.trial_series import TrialSeries
 from scenarios.trial.final_state import FinalState
 from scenarios.trial.result import Failure
 from scenarios.trial.run_folder import last_start
@@ -47,17 +47,17 @@ def test_resuming_a_complete_series_reports_its_failure(
 
 def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     """Make the first trial the last one, with results as from the hardware rig."""
-    run = trial_series.run
+    run = TrialSeries.run
 
-    def run_once(experiment: Any, *rest: Any) -> Iterator[Any]:
-        finished, row = next(iter(run(experiment, *rest)))
+    def run_once(series: TrialSeries, *rest: Any) -> Iterator[Any]:
+        finished, row = next(iter(run(series, *rest)))
         failure = changes.get("failure")
         result = msgspec.structs.replace(finished.result, rig="hardware", end=changes.get("end"))
         yield msgspec.structs.replace(finished, result=result, failure=failure), row
         if changes.get("signalled"):
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(trial_series, "run", run_once)
+    monkeypatch.setattr(TrialSeries, "run", run_once)
 
 
 def test_trial_that_leaves_a_closed_hand_is_reported_with_release_and_resume(

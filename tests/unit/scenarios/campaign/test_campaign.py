@@ -14,15 +14,15 @@ from drivers.errors import BadFile, ConfigError
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import FOLDER, Finished, Row, error_row, run_trial
+from scenarios.campaign.worker import FOLDER, Row, error_row, run_trial
 from scenarios.rigs.workers import Workers
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 
 
-def instant_success(trial: Task) -> Finished:
+def instant_success(trial: Task) -> tuple[Row, bytes | None]:
     """A stub for a trial."""
-    return Finished(msgspec.structs.replace(error_row(trial, ""), status="done", success=True))
+    return msgspec.structs.replace(error_row(trial, ""), status="done", success=True), None
 
 
 def run_with(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progress:
@@ -94,17 +94,16 @@ def test_a_wrong_file_is_refused_before_anything_runs(tmp_path: Path) -> None:
 def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     spec = CampaignSpec(name="kept", objects=("can",), repetitions=1)
     (good,) = trials(spec, combinations(spec))
-    held = run_trial(good)
-    assert (held.row.status, held.row.success, held.recording) == ("done", True, None)
+    row, recording = run_trial(good)
+    assert (row.status, row.success, recording) == ("done", True, None)
     doomed = msgspec.structs.replace(spec, settings=("object.mass_kg=2.9",))
     (bad,) = trials(doomed, combinations(doomed))
-    lost = run_trial(bad)
-    assert lost.row.success is False
-    assert lost.recording is not None
-    assert lost.recording.startswith(b"\x89MCAP")
-    assert lost.row.recording is None  # its path is set when it is stored
-    recorded = run_trial(msgspec.structs.replace(bad, recordings="all"))
-    assert lost.recording == recorded.recording
+    row, recording = run_trial(bad)
+    assert row.success is False
+    assert recording is not None
+    assert recording.startswith(b"\x89MCAP")
+    assert row.recording is None  # its path is set when it is stored
+    assert recording == run_trial(msgspec.structs.replace(bad, recordings="all"))[1]
 
 
 def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +113,7 @@ def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.Mo
     monkeypatch.setattr("scenarios.campaign.worker.run_once", crash)
     spec = CampaignSpec(name="crash", objects=("can",), repetitions=1)
     (trial,) = trials(spec, combinations(spec))
-    row = run_trial(trial).row
+    row, _ = run_trial(trial)
     assert row.status == "error"
     assert row.success is None
     assert row.error is not None and "ZeroDivisionError: on purpose" in row.error
@@ -124,7 +123,7 @@ def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.Mo
 
 
 def test_killed_worker_fails_only_its_own_trial(tmp_path: Path) -> None:
-    def work(trial: Task) -> Finished:
+    def work(trial: Task) -> tuple[Row, bytes | None]:
         if trial.number == 1:
             os._exit(3)
         return instant_success(trial)
@@ -157,7 +156,7 @@ def test_folder_of_a_killed_process_is_removed_at_the_next_start(
 
 
 def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path) -> None:
-    def crash_two(trial: Task) -> Finished:
+    def crash_two(trial: Task) -> tuple[Row, bytes | None]:
         if trial.number in (0, 3):
             raise RuntimeError("on purpose")
         return instant_success(trial)
@@ -170,7 +169,7 @@ def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path)
     ran = tmp_path / "ran"
     ran.mkdir()
 
-    def work(trial: Task) -> Finished:
+    def work(trial: Task) -> tuple[Row, bytes | None]:
         (ran / str(trial.number)).touch()
         return instant_success(trial)
 

@@ -19,7 +19,7 @@ from grasp.cli.main import main
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import Finished, error_row
+from scenarios.campaign.worker import Row, error_row
 from scenarios.rigs.workers import Workers
 
 MANY = ", ".join(f"{i}e-6" for i in range(60_000))
@@ -27,14 +27,14 @@ ENDLESS = "WITH RECURSIVE n(key) AS (SELECT 1 UNION ALL SELECT key FROM n) SELEC
 SPEC = CampaignSpec(name="two", objects=("can", "ball"), repetitions=3)
 
 
-def stub_trial(trial: Task) -> Finished:
+def stub_trial(trial: Task) -> tuple[Row, bytes | None]:
     """A stub for a trial, with unusual values."""
     row = msgspec.structs.replace(
         error_row(trial, "Grüße \ud800 \x00 \n"), status="done", success=trial.number % 2 == 0,
         slip_distance_m=float("inf"), reaction_latency_ms=float("nan"), wall_s=1,
         peak_force_n=10.1 + trial.number, detection_latency_ms=-0.0,
     )  # fmt: skip
-    return Finished(row, b"recorded" * 100)
+    return row, b"recorded" * 100
 
 
 @pytest.fixture(scope="module")

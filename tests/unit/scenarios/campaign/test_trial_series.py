@@ -9,16 +9,15 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.cli.main import main
-from scenarios.campaign import trial_series
 from scenarios.campaign.config import load_config
 from scenarios.campaign.run import run as run_campaign
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.trial_series import TrialSeries, row_of
+from scenarios.campaign.trial_series import TrialSeries, home_of, row_of
 from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
-from scenarios.trial.result import Failure, FinishedRun
-from scenarios.trial.series import TrialContext
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.result import Failure, JudgedTrial
 
 MACHINE = (
     "wall_s",
@@ -42,7 +41,7 @@ def of_trial(row: Row) -> dict[str, Any]:
 def run_all(made: TrialSeries, out: Path, *, resume: bool = False) -> list[Row | None]:
     context = TrialContext(out.parent / "runs")
     with made.store(out, resume) as store:
-        return [row for _, row in trial_series.run(made, context, store)]
+        return [row for _, row in made.run(context, store)]
 
 
 @pytest.mark.parametrize("scenario", ["lift", "tap"])
@@ -68,7 +67,7 @@ def test_resume_runs_only_missing_trials(tmp_path: Path) -> None:
     made, out = TrialSeries("lift", config("lift"), 0, 3), tmp_path / "e.sqlite"
     context = TrialContext()
     with made.store(out, resume=False) as store:
-        interrupted = trial_series.run(made, context, store)
+        interrupted = made.run(context, store)
         next(interrupted)
         interrupted.close()  # type: ignore[attr-defined]
     assert [row.seed for row in run_all(made, out, resume=True) if row] == [1, 2]
@@ -96,10 +95,10 @@ def test_file_is_resumed_only_with_the_same_experiment_and_settings(tmp_path: Pa
 
 
 @cache
-def judged_lift() -> FinishedRun[Any]:
+def judged_lift() -> JudgedTrial[Any]:
     made = TrialSeries("lift", config("lift"), 0, 1)
     context = TrialContext()
-    return next(iter(trial_series.run(made, context, None)))[0]
+    return next(iter(made.run(context, None)))[0]
 
 
 def test_device_error_makes_an_error_row_and_an_interruption_none() -> None:
@@ -135,7 +134,7 @@ def test_error_row_keeps_the_partial_result_and_its_home() -> None:
     assert finished.result is not None and finished.result.home_m is not None
     row = row_of(task, msgspec.structs.replace(finished, failure=Failure("stale", "late", "")))
     assert row is not None and row.status == "error" and row.outcome is None
-    assert trial_series.home_of([row]) == finished.result.home_m
+    assert home_of([row]) == finished.result.home_m
     nothing = msgspec.structs.replace(row, result=None)
-    assert trial_series.home_of([nothing]) is None
-    assert trial_series.home_of([nothing, row]) == finished.result.home_m
+    assert home_of([nothing]) is None
+    assert home_of([nothing, row]) == finished.result.home_m

@@ -95,4 +95,6 @@ def test_a_wrong_setting_is_named_by_the_argument_and_not_by_the_option() -> Non
     for call in (grasp.lift, lambda settings: grasp.detector("tcn", settings=settings)):
         with pytest.raises(ConfigError, match=r"^settings: guard\.force_limit_n: ") as error:
             call(settings={"guard.force_limit_n": "x"})
+        with pytest.raises(ConfigError, match=r"^settings: guard\.force_limit_n: "):
+            call(settings={"guard": {"force_limit_n": "x"}})
         assert "--set" not in f"{error.value} {error.value.remedy}"

@@ -122,7 +122,7 @@ def test_before_the_grasp_the_thumb_closes_by_one_count_after_each_reading(grip:
 
 def test_a_closing_for_slip_ends_at_the_measured_bound(held: Scene) -> None:
     first = held.step(slip=1.0, steps=2).hand
-    assert isinstance(first, CloseToLimit) and first.limits_counts[0] == 57
+    assert isinstance(first, CloseToLimit) and first.ends_counts[0] == 57
     held.close_thumb(57, 8.0)  # 3 N a count: no room is left
     assert {type(held.step().hand) for _ in range(100)} == {type(None)}
     assert held.step(steps=20).exhausted
@@ -132,7 +132,7 @@ def test_a_closing_for_slip_goes_on_where_a_stage_leaves_room(held: Scene) -> No
     held.step(slip=1.0, steps=2)
     held.close_thumb(57, 4.0)  # 1 N a count: room for 6 counts and the overshoot
     hands = [held.step().hand for _ in range(60)]
-    assert {hand.limits_counts[0] for hand in hands if isinstance(hand, CloseToLimit)} == {64}
+    assert {hand.ends_counts[0] for hand in hands if isinstance(hand, CloseToLimit)} == {64}
 
 
 def test_b_and_c_that_met_an_object_close_again_only_after_the_hand_has_opened(
@@ -159,7 +159,7 @@ def test_the_first_closing_of_a_hand_stronger_than_the_limit_is_one_count_by_a_g
     strong = Scene(monkeypatch, limit_n=8.0)
     strong.step(steps=HOLDS)
     first = strong.step(slip=1.0, steps=2).hand
-    assert isinstance(first, CloseToLimit) and first.limits_counts[0] == 56
+    assert isinstance(first, CloseToLimit) and first.ends_counts[0] == 56
     assert first.force_limit_n == 10.0  # the least of this hand
 
 

@@ -8,8 +8,9 @@ from grasp.control.states import State
 from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.operator_prompts import TapeMark, read_mark
-from scenarios.trial.series import TrialContext
+from scenarios.trial.series import run_series
 from tests.unit.scenarios.conftest import changed, config
 from tests.unit.scenarios.safety_probes import lift_verdict
 
@@ -99,7 +100,7 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("scenarios.trial.series.place_object", lambda *_: None)
     context = TrialContext(on_tick=watch, operator=typist)
-    (done,) = lift.run_series(changed(config(), "controller", hold_s=0.5), (0,), context)
+    (done,) = run_series(lift, changed(config(), "controller", hold_s=0.5), (0,), context)
     result = done.result
     assert result is not None
     assert result.outcome == "held_within_6cm"  # the simulated truth overrides the reading

@@ -10,9 +10,10 @@ from drivers.errors import ConfigError
 from scenarios.campaign.config import load_config, load_lift
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.feasibility import check_touch
 from scenarios.trial.replay import replay_run
-from scenarios.trial.series import TrialContext
+from scenarios.trial.series import run_series
 
 BOUND_N = 11.0  # limit and stated overshoot
 TOUCH = ("controller.first_grasp=touch", "controller.lift_height_m=0.05", "hand.activation_s=0.1")
@@ -119,7 +120,7 @@ def test_fingertips_or_a_hand_that_contradict_their_calibration_are_named() -> N
 
 def test_every_trial_of_a_series_measures_its_own_grip() -> None:
     config = load_config("can", "simulated", None, None, TOUCH).for_lift()
-    results = [done.result for done in lift.run_series(config, (0, 1), TrialContext(None))]
+    results = [done.result for done in run_series(lift, config, (0, 1), TrialContext(None))]
     assert [r is not None and r.success for r in results] == [True, True]
 
 

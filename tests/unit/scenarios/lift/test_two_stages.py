@@ -20,11 +20,6 @@ def thumb_n(result: LiftResult) -> float:
     return result.peak_force_n["A"]
 
 
-def stages(ticks: list[Tick]) -> list[CloseToLimit]:
-    sent = [i.admitted for t in ticks for i in t.issued]
-    return [c for c in sent if isinstance(c, CloseToLimit)]
-
-
 HANDS = [
     ("hand.tip_mass_kg=1.0",), ("hand.current_clamp=false",), OVERRIDE,
     ("hand.command_latency_s=0.1",), ("hand.refresh_hz=200",), ("loop.decision_delay_s=0.05",),

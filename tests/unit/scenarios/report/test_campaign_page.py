@@ -17,7 +17,7 @@ from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import wilson
-from scenarios.campaign.worker import Finished, Row
+from scenarios.campaign.worker import Row
 from scenarios.report.campaign_page import campaign_page
 
 SPEC = CampaignSpec(
@@ -48,7 +48,7 @@ def made(path: Path, spec: CampaignSpec, **more: Any) -> Path:
             if task.number == 7:
                 values |= {"status": "error", "error": f"Traceback\n{HOSTILE}", "success": None}
             row = msgspec.convert(values | more, Row)
-            store.add(Finished(row, b"recorded" if lost and lift else None))
+            store.add(row, b"recorded" if lost and lift else None)
     return path
 
 
@@ -66,7 +66,7 @@ def settings_by(command: str) -> Any:
     """The settings of a run of that command."""
     args = build_parser().parse_args(shlex.split(command)[1:])
     config = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return config.for_tap() if args.scenario == "tap" else config.for_lift()
+    return config.for_tap() if args.command == "run tap" else config.for_lift()
 
 
 def test_rates_are_shown_beside_the_papers_with_intervals(page: str) -> None:

@@ -12,8 +12,9 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
 from scenarios.report.live_server import Begin, Message, Row
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.run_folder import RUN_CHANNELS
-from scenarios.trial.series import TrialContext
+from scenarios.trial.series import run_series
 from tests.unit.scenarios.conftest import config
 
 
@@ -44,7 +45,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> FakeServer:
 
 def messages(runs: Path, watch: Any) -> list[Any]:
     """Recorded messages of one lift in virtual time."""
-    (finished,) = lift.run_series(config(), [0], TrialContext(runs, watch=watch))
+    (finished,) = run_series(lift, config(), [0], TrialContext(runs, watch=watch))
     assert finished.result is not None and finished.result.recording is not None
     return list(RunRecording(Path(finished.result.recording), RUN_CHANNELS))
 
@@ -84,7 +85,7 @@ def test_rows_have_the_values_of_tick_and_truth(server: FakeServer) -> None:
         ticks.append((tick, truth))
         live.watch(tick, truth, controller)
 
-    list(lift.run_series(settings, [0], TrialContext(None, watch=watch)))
+    list(run_series(lift, settings, [0], TrialContext(None, watch=watch)))
     _, begin, *rows = server.messages
     assert isinstance(begin, Begin)
     assert isinstance(rows[0], Row)

@@ -15,7 +15,7 @@ def settings_by(arguments: list[str]) -> TrialConfig:
     """The settings of a run of that command."""
     args = build_parser().parse_args(arguments[1:])
     config = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return tap.configure(config.for_tap()) if args.scenario == "tap" else config.for_lift()
+    return tap.configure(config.for_tap()) if args.command == "run tap" else config.for_lift()
 
 
 def config_hash(run: RunRecord) -> str:

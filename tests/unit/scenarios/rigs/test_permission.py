@@ -17,7 +17,8 @@ from scenarios.lift.lift import lift
 from scenarios.rigs import opening, wired
 from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap.tap import tap
-from scenarios.trial.series import TrialContext
+from scenarios.trial.experiment import TrialContext
+from scenarios.trial.series import run_series
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
@@ -215,7 +216,7 @@ def test_no_command_opens_real_devices_of_a_rig_file_without_a_confirmation(
     [
         lambda c: lift.run(c.for_lift(), 0, None),
         lambda c: tap.run(c.for_tap(), 0, None),
-        lambda c: list(tap.run_series(c.for_tap(), range(2), TrialContext())),
+        lambda c: list(run_series(tap, c.for_tap(), range(2), TrialContext())),
         lambda c: opening.open_rig(c, 0, paced=False).__enter__(),
     ],
 )

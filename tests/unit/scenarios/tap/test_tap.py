@@ -17,8 +17,9 @@ from scenarios.tap.mallet import swing
 from scenarios.tap.scoring import TapResult
 from scenarios.tap.tap import TapTrial, tap
 from scenarios.trial.execution import make_guard
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.replay import replay_run
-from scenarios.trial.series import TrialContext
+from scenarios.trial.series import run_series
 from scenarios.world.cell import Impact
 
 
@@ -167,7 +168,7 @@ def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_pa
         if tick.decision.state is State.HOLD:
             raise KeyboardInterrupt
 
-    ended = list(tap.run_series(config(), range(3), TrialContext(tmp_path, on_tick=press_ctrl_c)))
+    ended = list(run_series(tap, config(), range(3), TrialContext(tmp_path, on_tick=press_ctrl_c)))
     assert ended[0].failure is not None
     assert ended[0].failure.kind == "interrupted"
     assert ended[0].failure.message == "stopped by hand in phase hold"

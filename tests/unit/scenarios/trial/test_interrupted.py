@@ -14,7 +14,7 @@ from grasp.run.loop import Tick
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.replay import replay_run
-from scenarios.trial.result import FinishedRun
+from scenarios.trial.result import JudgedTrial
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import interrupt
 
@@ -42,7 +42,7 @@ def stopped_lift(
     phase: State,
     *numbers: signal.Signals,
     settings: tuple[str, ...] = QUICK,
-) -> tuple[FinishedRun[LiftResult], list[Tick]]:
+) -> tuple[JudgedTrial[LiftResult], list[Tick]]:
     on_tick = signal_in(phase, *numbers)
     with signals.taken():
         finished = lift.run(config(*settings), 0, runs, on_tick=on_tick)

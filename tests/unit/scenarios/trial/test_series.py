@@ -8,13 +8,13 @@ import msgspec
 import pytest
 
 from drivers.errors import Refused
-from scenarios.lift.lift import lift
+from scenarios.lift.lift import Lift, lift
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series
+from scenarios.trial.experiment import TrialContext
 from scenarios.trial.final_state import FinalState
-from scenarios.trial.result import Failure, FinishedRun
-from scenarios.trial.series import RemainingTrials, TrialContext
+from scenarios.trial.result import Failure, JudgedTrial
 from tests.unit.scenarios.conftest import config
 
 OPEN = FinalState("the arm is stationary", "the hand is open", "", open=True)
@@ -35,14 +35,14 @@ class InstantOperator:
 
 
 @pytest.fixture(scope="module")
-def lifted() -> FinishedRun[Any]:
+def lifted() -> JudgedTrial[Any]:
     return lift.run(config(), 0, None)
 
 
 def run_two(
-    lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
-    remaining: RemainingTrials | None = None, raised_m: float = 0.0, ends: FinalState | None = None,
-    fingers: int | None = None, placed: bool = False,
+    lifted: JudgedTrial[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
+    raised_m: float = 0.0, ends: FinalState | None = None, fingers: int | None = None,
+    placed: bool = False,
 ) -> "tuple[list[str], list[Any]]":  # fmt: skip
     """Prompts to the operator and homes of two trials with these failures. ``ends``: their final
     state; ``fingers``: position before, counts."""
@@ -62,27 +62,27 @@ def run_two(
                 rig.wait_and_poll()
             yield rig
 
-    def attempt(seed: int, rig: GraspRig, home: Any) -> Any:
-        homes.append(home)
-        assert lifted.result is not None
-        failure = next(remaining_failures)
-        result = msgspec.structs.replace(lifted.result, end=ends)
-        return FinishedRun(result, failure), lifted.result.home_m
+    class Scripted(Lift):
+        def prepare(self, config: Any, *_: Any) -> Any:
+            return config
+
+        def run_on(self, rig: Any, used: Any, seed: int, context: Any, home: Any = None) -> Any:
+            homes.append(home)
+            failure = next(remaining_failures)
+            return JudgedTrial(msgspec.structs.replace(lifted.result, end=ends), failure)
 
     def begins(number: int, of: int) -> None:
         assert placed or operator.prompts[-1].startswith(f"Trial {number} of {of}")
 
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
-        context = TrialContext(
-            operator=operator, remaining=remaining, on_trial=begins, placed=placed
-        )
-        list(series.run_series(wired, (0, 1), context, attempt))
+        context = TrialContext(operator=operator, on_trial=begins, placed=placed)
+        list(series.run_series(Scripted(), wired, (0, 1), context))
     return operator.prompts, homes
 
 
 def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+    lifted: JudgedTrial[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     closed = FinalState("the arm is stationary", "the hand is closed", "let go")
     prompts, _ = run_two(lifted, [None, None], monkeypatch, ends=closed)
@@ -92,14 +92,14 @@ def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
 
 
 def test_hand_that_is_not_open_is_refused_before_the_first_prompt(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+    lifted: JudgedTrial[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(Refused, match=r"the hand is not open, at .* it may hold something"):
         run_two(lifted, [None, None], monkeypatch, fingers=120)
 
 
 def test_trial_with_stale_device_data_is_repeated(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+    lifted: JudgedTrial[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prompts, homes = run_two(lifted, [STALE, None, None], monkeypatch)
     again = "Trial 1 of 2 again, because device data was stale or implausible"
@@ -109,7 +109,7 @@ def test_trial_with_stale_device_data_is_repeated(
 
 
 def test_number_of_repetitions_is_limited(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+    lifted: JudgedTrial[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prompts, _ = run_two(lifted, [STALE] * 9, monkeypatch)
     assert len(prompts) == 1 + series.MAX_REPEATS
@@ -130,7 +130,7 @@ def test_number_of_repetitions_is_limited(
     ids=["hand closed", "arm not stationary", "unknown", "safety stop", "link lost", "stopped"],
 )
 def test_any_other_failure_ends_the_series(
-    failure: Failure, lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+    failure: Failure, lifted: JudgedTrial[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prompts, _ = run_two(lifted, [failure], monkeypatch)
     assert prompts == ["Trial 1 of 2"]
