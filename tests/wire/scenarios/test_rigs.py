@@ -15,19 +15,8 @@ from scenarios.rigs.emulated import cell_process
 from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import by_default
 from tests.ur_rtde import needs_ur_rtde
-from tests.wire.lab import (
-    CONFIRMED,
-    ENVIRONMENT,
-    GRASP,
-    HARDWARE,
-    PATIENCE_S,
-    QUICK,
-    Lab,
-    grasp,
-    sets,
-    started,
-    until,
-)
+from tests.wire.lab import CONFIRMED, ENVIRONMENT, GRASP, HARDWARE, QUICK, Lab, grasp, sets, started
+from tests.wire.waiting import PATIENCE_S, until
 
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
 LOWERING_STEPS = {"lower.feel"}  # their number depends on noise

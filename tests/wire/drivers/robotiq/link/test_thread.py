@@ -11,7 +11,8 @@ from drivers.robotiq.emulator import FaultKind, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
-from tests.wire.drivers.robotiq.rig import QUICK, until
+from tests.wire.drivers.robotiq.rig import QUICK
+from tests.wire.waiting import until
 
 FAST = 0.11
 MS = 1_000_000
