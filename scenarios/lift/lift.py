@@ -20,7 +20,6 @@ from scenarios.lift.scoring import (
 )
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
-from scenarios.rigs.simulated import cell_settings
 from scenarios.trial import operator_prompts
 from scenarios.trial.execution import FinishedTrial, Watch, make_guard, run_trial
 from scenarios.trial.experiment import Experiment
@@ -129,6 +128,8 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
 def _over_least(config: LiftConfig, seed: int, end: Truth | None) -> float | None:
     if end is None or not end.touched:
         return None
+    from scenarios.rigs.simulated import cell_settings  # compiled code, which a dry run needs not
+
     body = cell_settings(config, seed)[0].body
     accelerated = GRAVITY_MPS2 + config.controller.lift_acceleration_mps2
     return end.normal_n[0] / body.least_holding_n(accelerated)
