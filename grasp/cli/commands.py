@@ -138,6 +138,10 @@ class RosOptions(Settings, Confirm, command="ros", section=TRY,
     detector: Detector = None
     rig: Rig = "emulated"
     seed: Seed = 0
+    stop_without_client: Annotated[bool, "stop a lift as by /grasp/stop once its client is gone"] \
+        = False
+    ros_args: Annotated[Sequence[str], "...", "for ROS 2, last: -r __ns:=/cell2, -r FROM:=TO",
+        How(rest=True)] = ()
 
 
 class ReplayOptions(SettingsJson, command="replay", section=TRY,
