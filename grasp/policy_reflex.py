@@ -54,7 +54,7 @@ from grasp.control.observation import Observation
 from grasp.control.reflex_controller import ReflexController
 from grasp.control.slip_monitor import SlipStatus
 from grasp.control.states import State
-from grasp.control.step import GraspStep
+from grasp.control.step import GraspStep, StepResult
 from grasp.run.loop import to_gripper
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
@@ -153,6 +153,7 @@ class Reflex:
         self._met = False  # a finger has touched since the hand last opened
         self._lifted = False  # the held object has risen
         self._last_ns: int | None = None
+        self.last_step: StepResult | None = None  # observation and decision, for a recording
 
     def step(
         self,
@@ -200,7 +201,8 @@ class Reflex:
             t_ns=now_ns, frame=frame, rest_taken=True,
             gripper=gripper, arm=arm, below_limit=self._below_limit,
         )  # fmt: skip
-        own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
+        self.last_step = self._step.decide(obs)
+        own = [c for c in self.last_step.admitted if isinstance(c, GripperCommand)]
         controller = self._controller
         velocity = self._within_speed(wanted.arm_velocity_mps, refused)
         ramp_mps2 = self._settings.lift_acceleration_mps2

@@ -19,6 +19,7 @@ from drivers.interfaces import PERIOD_NS, ArmState, GripperState, TactileFrame
 from grasp.control.commands import MoveFingers
 from grasp.policy_reflex import Admitted, PolicyCommand
 from scenarios.campaign.config import load_config
+from scenarios.library.episode_recording import EpisodeRecording
 from scenarios.library.reflex import make_reflex
 from scenarios.lift.scoring import LIFTED_M
 from scenarios.report.animation import frame_drawer
@@ -27,6 +28,7 @@ from scenarios.rigs.config import wider
 from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.simulated import simulated
 from scenarios.trial.execution import PRESHAPE_COUNTS, THUMB_BACK_COUNTS
+from scenarios.trial.run_folder import check_runs
 from scenarios.world.settings import HALF_APERTURE_M
 from scenarios.world.truth import Truth
 
@@ -73,20 +75,27 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         detector: str | Path | None = None,
         reward: str = "sparse",
         render_mode: str | None = None,
+        runs: str | Path | None = None,
     ) -> None:
         """``object``, ``detector``: as for `grasp.lift`. ``reflex``: False: the force guard acts
         alone. ``reward``: ``sparse`` or ``dense``. ``options`` of ``reset`` with these names take
         their place for one episode. ``render_mode``: None, or ``rgb_array`` (extra `exports`).
+        ``runs``: folder that gets a recording of each episode, for `grasp report`; the next
+        ``reset``, or ``close``, completes it.
         Raises ConfigError, and UsageError for a value of a wrong type."""
         EzPickle.__init__(
-            self, object, reflex=reflex, detector=detector, reward=reward, render_mode=render_mode
-        )
+            self, object, reflex=reflex, detector=detector, reward=reward,
+            render_mode=render_mode, runs=runs,
+        )  # fmt: skip
         if render_mode not in (None, "rgb_array"):
             raise UsageError(f"render_mode: {render_mode!r}", 'give None or "rgb_array"')
         self.render_mode = render_mode
         self._draw = None if render_mode is None else frame_drawer()
         self._options = {"object": object, "reflex": reflex, "detector": detector, "reward": reward}
         self._configure(self._options)
+        self._runs = None if runs is None else Path(runs)
+        check_runs(self._runs)
+        self._recording: EpisodeRecording | None = None
         self._rig: GraspRig | None = None
         taxels = self._config.tactile.taxels
         self.action_space = Box(-1.0, 1.0, (4,))
@@ -118,6 +127,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         options = {**self._options, **(options or {})}
         if options != self._configured:
             self._configure(options)
+        self.close()
         world = int(self.np_random.integers(2**31))
         self._rig = rig = simulated(self._config.built_for(world), world, paced=False)
         self.reflex = make_reflex(self._config)
@@ -137,6 +147,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
             else:
                 break
         self._home_m, self._lifted = self.states()[2].position_m[2], False
+        if self._runs is not None:
+            self._recording = EpisodeRecording(self._runs, self._config, world, rig.clock)
         hold = PolicyCommand(hand=MoveFingers(self._start, s.grip_speed_mps, self._force_n))
         admitted = self.reflex.step(*self.states(), hold, t_ns=rig.clock.now_ns)
         self._truth = self._true_state()
@@ -166,6 +178,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         )
         admitted = self.reflex.step(frame, gripper, arm, wanted, t_ns=rig.clock.now_ns)
         applied = admitted.send(rig.devices.gripper, rig.arm)
+        if self._recording is not None and self.reflex.last_step is not None:
+            self._recording.write(self.reflex.last_step, wanted, admitted, applied, self._truth)
         self._wait()
         before, self._truth = self._truth, self._true_state()
         info = self._info(admitted, 0.0 if applied is None else applied.force_n)
@@ -173,6 +187,12 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         reward = _dense_reward(before, self._truth) if dense else float(info["held"])
         reward = DROP_REWARD if info["dropped"] else reward
         return self._observation(admitted), reward, info["dropped"], False, info
+
+    def close(self) -> None:
+        """Complete the recording of the episode; raises CouldNotRecord."""
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.close()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Side view in the frame of the hand, (height, width, 3); None without a render mode."""

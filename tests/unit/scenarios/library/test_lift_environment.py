@@ -12,8 +12,10 @@ import pytest
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.wrappers import RecordVideo
 
-from drivers.errors import UsageError
+from drivers.errors import BadFile, UsageError
 from scenarios.library.lift_environment import LiftEnvironment
+from scenarios.report.run_record import read_run
+from scenarios.trial.replay import replay_run
 
 CLOSE = np.array([1.0, 1.0, 1.0, 0.0], np.float32)
 CLOSE_AND_LIFT = np.ones(4, np.float32)
@@ -165,3 +167,27 @@ def test_videos_are_recorded_or_refused_by_the_name_of_the_missing_package(tmp_p
         video.step(CLOSE)
     video.close()
     assert [*(tmp_path / "video").glob("*.mp4")]
+
+
+def test_an_episode_is_saved_as_a_run_that_can_be_shown_but_not_replayed(tmp_path: Path) -> None:
+    env = LiftEnvironment("can", runs=tmp_path)
+    _, info = played(env, 300, 150)
+    env.reset(seed=1)  # completes the first; the second has no step
+    env.close()
+    (folder,) = tmp_path.iterdir()
+    run = read_run(folder)
+    assert run.complete and len(run.t_s) == 300
+    assert run.verdict_problem == "An episode of a policy has no verdict."
+    assert [change.phase for change in run.phases][:2] == ["grasp.close", "grasp.settle"]
+    assert run.truth is not None and run.truth.height_m[-1] == pytest.approx(
+        info["height_m"], abs=2e-3
+    )
+    assert max(sent.message.applied.force_n for sent in run.commands if sent.message.applied) == 10
+    with pytest.raises(BadFile, match="an episode of a policy cannot be replayed"):
+        replay_run(folder)
+
+
+def test_a_folder_for_runs_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="file"):
+        LiftEnvironment("can", runs=tmp_path / "file")
