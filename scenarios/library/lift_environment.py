@@ -92,6 +92,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         self.render_mode = render_mode
         self._draw = None if render_mode is None else frame_drawer()
         self._options = {"object": object, "reflex": reflex, "detector": detector, "reward": reward}
+        _check({**self._options, "runs": runs})
         self._configure(self._options)
         self._runs = None if runs is None else Path(runs)
         check_runs(self._runs)
@@ -105,7 +106,6 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         })  # fmt: skip
 
     def _configure(self, options: dict[str, Any]) -> None:
-        _check(options)
         settings = (
             "hand.activation_s=0.1", f"controller.reactions={str(options['reflex']).lower()}"
         )  # fmt: skip
@@ -124,7 +124,10 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         super().reset(seed=seed)
         if not isinstance(options, dict | None):
             raise UsageError(f"options: {options!r:.60} is no dict", 'give {"object": "ball"}')
+        if unknown := sorted(map(str, (options or {}).keys() - self._options.keys())):
+            raise UsageError(f"options: unknown {unknown}", f"give some of {[*self._options]}")
         options = {**self._options, **(options or {})}
+        _check(options)
         if options != self._configured:
             self._configure(options)
         self.close()
@@ -251,17 +254,16 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
 
 
 def _check(options: Mapping[str, Any]) -> None:
-    """Raise UsageError for an option with an unknown name or a value of a wrong type."""
-    texts = {"object": (str, Path), "detector": (str, Path, type(None))}
+    """Raise UsageError for a value of a wrong type."""
     for name, value in options.items():
-        if name not in ("object", "detector", "reflex", "reward"):
-            raise UsageError(f"unknown option: {name!r}", "give object, reflex, detector or reward")
-        if name in texts and not isinstance(value, texts[name]):
+        if name == "reflex":
+            if not isinstance(value, bool):
+                raise UsageError(f"reflex: {value!r}", "reflex must be true or false")
+        elif name == "reward":
+            if value not in ("sparse", "dense"):
+                raise UsageError(f"reward: {value!r}", 'reward must be "sparse" or "dense"')
+        elif not isinstance(value, str | Path) and (value is not None or name == "object"):
             raise UsageError(f"{name}: {value!r} is neither a name nor a path", "give a text")
-        if name == "reflex" and not isinstance(value, bool):
-            raise UsageError(f"reflex: {value!r}", "reflex must be true or false")
-        if name == "reward" and value not in ("sparse", "dense"):
-            raise UsageError(f"reward: {value!r}", 'reward must be "sparse" or "dense"')
 
 
 def _dense_reward(before: Truth, now: Truth) -> float:
