@@ -21,8 +21,8 @@ from grasp.files import PRIVATE_FILE, Holder, locked, make_private_folder, write
 
 CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
 HEADINGS = (
-    "detector", "right, %", "lifts, %", "taps, %", "delay p50 / p90, ms", "false alarms / min",
-    "lasting slip, %", "AUC", "update, µs",
+    "detector", "score", "behind the first", "raw, %", "lifts, %", "taps, %",
+    "false alarms / min", "delay p50 / p90, ms", "AUC", "update, µs",
 )  # fmt: skip
 
 
@@ -35,7 +35,7 @@ def benchmark(args: BenchmarkOptions) -> int:
         COST,
         ScoreFile,
         Source,
-        scores_of_others,
+        earlier_scores,
         write_scores,
     )
     from scenarios.benchmark.streams import ensure_recordings
@@ -50,43 +50,83 @@ def benchmark(args: BenchmarkOptions) -> int:
     real = _real(args.recording or ())
     configs = _configs(names, [*layout, *(args.config or ())], args.set)
     costs = costs_of(configs, real, pool)
-    make_private_folder(args.out)
-    made: list[Any] = []
-    out = args.out / BENCHMARK
+    chosen = _chosen(args, configs) if args.split == "test" else {}
+    seeds = protocol.splits[args.split].digest
+    source = Source(
+        "benchmark", args.split, "slip", protocol.version, seeds, args.layout, args.quick
+    )
+    out = _folder(args, args.split) / BENCHMARK
+    make_private_folder(out.parent)
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
-    seeds = protocol.splits[args.split].digest
-    source = Source("benchmark", args.split, "slip", protocol.version, seeds, args.layout)
+    here = 0
     try:
         with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
-            others, kept_costs = scores_of_others(out, source, list(costs))
+            measured, kept_costs = earlier_scores(out, source)
             costs = kept_costs | costs
-            title = filter(None, ("recordings", args.split, Path(args.layout).stem))
-            folder = args.out / "-".join(title)
             recordings = ensure_recordings(
-                protocol, args.split, folder, pool,
-                lambda done, of: report("recordings", done, of), args.layout,
+                protocol, args.split, args.out / _title("recordings", args.split, args.layout),
+                pool, lambda done, of: report("recordings", done, of), args.layout, args.quick,
             )  # fmt: skip
-            bench = Benchmark(protocol, args.split, recordings, real, pool, report)
+            bench = Benchmark(protocol, args.split, recordings, real, pool, report, args.quick)
             ideal = load_config("can", "simulated", "energy", layout).for_lift()
-            oracle = bench.kept_oracle(ideal, folder / f"oracle-{seeds}.json")
+            references = bench.references(ideal, out.with_name(f"references-{seeds}.json"))
             for config in configs:
-                made.append(bench.detector(config))
-                command, every = _command(args, names), [*others, *made]
-                file = ScoreFile(source=source, command=command, detectors=every, oracle=oracle)
+                name = config.detector_label
+                kept, again = measured.get(name), "(another --out measures it again)"
+                same = kept and kept.detector_hash == config.detector_hash()
+                if kept and same and kept.real.keys() == real.keys():
+                    exits.print_detail(f"{name}: already in {out} {again}")
+                else:
+                    measured.pop(name, None)
+                    measured[name] = bench.detector(config, references, chosen.get(name))
+                here += 1
+                file = ScoreFile(
+                    source=source, command=_command(args, names), references=references,
+                    detectors=list(measured.values()),
+                )  # fmt: skip
                 write_scores(out, file)
-                write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
+                write_whole(out.with_name(COST), msgspec.json.encode(costs), private=True)
     except KeyboardInterrupt:
-        kept = "interrupted before any detector was measured", "run it again: recordings are kept"
-        if made:
-            kept = (f"interrupted; {len(made)} of {len(names)} detectors are in {out}",
-                    "run the others with the same --out")  # fmt: skip
-        return exits.report("interrupted", *kept, args.json)
+        problem = f"interrupted; {here} of {len(names)} detectors are in {out}"
+        return exits.report("interrupted", problem, "the same command continues", args.json)
     from grasp.cli.recordings import write_page
 
     pages = [write_page(out), *_chart(file, costs, out)]
     text = "\n".join([table(file, costs), "", *failures(file), "", *map(str, (out, *pages))])
     return show(args, {**msgspec.to_builtins(file), "cost": costs}, text)
+
+
+def _title(first: str, *words: str) -> str:
+    return "-".join([first, *(Path(word).stem for word in words if word)])
+
+
+def _folder(args: BenchmarkOptions, split: str) -> Path:
+    return args.out / _title(split, args.layout, "quick" if args.quick else "")
+
+
+def _chosen(args: BenchmarkOptions, configs: Sequence[Any]) -> dict[str, float]:
+    """Best thresholds of the detectors, from the split `validation`. Raises UsageError and
+    BadFile."""
+    from scenarios.benchmark.protocol import load_protocol
+    from scenarios.benchmark.score_file import BENCHMARK, read_scores
+
+    path = _folder(args, "validation") / BENCHMARK
+    known = read_scores(path)[0] if path.exists() else None
+    version = known.source.version if known else None
+    of = known.detectors if known and version == load_protocol().version else []
+    best = {(each.detector, each.detector_hash): each.best for each in of}
+    found = {}
+    for config in configs:
+        name = config.detector_label
+        point = best.get((name, config.detector_hash()))
+        if point is None:
+            raise UsageError(
+                f"{name} with this rule has no best threshold in {path}",
+                "the split `test` does not choose: first run the same with --split validation",
+            )
+        found[name] = point.threshold
+    return found
 
 
 def _busy(holder: Holder | None) -> UsageError:
@@ -136,8 +176,9 @@ def _command(args: BenchmarkOptions, names: list[str]) -> str:
     options += [("--layout", args.layout)] if args.layout else []
     options += [("--config", str(path)) for path in args.config or ()]
     options += [("--set", text) for text in args.set]
-    real = ["--recording", *map(str, args.recording)] if args.recording else []
-    return shlex.join(["grasp", "benchmark", *names, *(w for o in options for w in o), *real])
+    more = ["--quick"] * args.quick
+    more += ["--recording", *map(str, args.recording)] if args.recording else []
+    return shlex.join(["grasp", "benchmark", *names, *(w for o in options for w in o), *more])
 
 
 @contextmanager
@@ -168,10 +209,12 @@ def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
 
 
 def failures(file: Any) -> list[str]:
-    """Of each detector, the commonest reasons why lifts were not right."""
-    from scenarios.report.score_page import by_number
+    """What the table leaves out: the headline, whether halves agree, and of each detector the
+    commonest reasons why lifts were not right."""
+    from scenarios.benchmark.ranking import halves
+    from scenarios.report.score_page import by_number, sentence
 
-    lines = []
+    lines = [sentence(file), halves(file)]
     for each in file.detectors:
         causes = each.causes["all"]
         wrong = [f"{n} {cause}" for n, cause in by_number(causes)[:3]]
@@ -181,26 +224,27 @@ def failures(file: Any) -> list[str]:
 
 
 def table(file: Any, costs: dict[str, Any]) -> str:
-    """One row a detector, then the oracle; a column for each real recording."""
+    """The rows by score, then oracle and silence; a column for each real recording."""
     from detector.scores.figures import Figure
+    from scenarios.benchmark.ranking import ranked
     from scenarios.report.score_page import between, delays, number, percent
 
+    def row(name: str, p: Any, behind: str = "", update: str = "", *areas: str) -> list[str]:
+        return [name, f"{percent(p.score)} {between(p.score)}", behind, percent(p.raw),
+                percent(p.lifts), percent(p.taps), number(p.false_per_min, 2), delays(p),
+                *(areas or [""] * (1 + len(real))), update]  # fmt: skip
+
     real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
-    headings = (*HEADINGS, *(f"AUC, {name}" for name in real))
-    rows: list[tuple[str, ...]] = [headings]
-    for each in file.detectors:
-        p, s = each.point, each.figures
-        rows.append((
-            each.detector, f"{percent(p.right)} {between(p.right)}", percent(p.lifts_right),
-            percent(p.taps_right), delays(p), number(s["false_per_min"]),
-            percent(s["sustained"]), number(s["auc"], 3),
-            f"{costs[each.detector].update_us:.0f}" if each.detector in costs else "",
-            *(number(each.real.get(name, Figure(None)), 3) for name in real),
-        ))  # fmt: skip
-    p = file.oracle[0]
-    shares = map(percent, (p.right, p.lifts_right, p.taps_right))
-    rows.append(("oracle", *shares, delays(p), "0.0", "100.0", "1.000", "", *("" for _ in real)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(headings))]
+    rows = [[*HEADINGS[:-1], *(f"AUC, {name}" for name in real), HEADINGS[-1]]]
+    for each in ranked(file):
+        of, f = each.of, each.behind
+        areas = (of.figures["auc"], *(of.real.get(name, Figure(None)) for name in real))
+        update = f"{costs[of.detector].update_us:.0f}" if of.detector in costs else ""
+        behind = f"{percent(f)} {between(f, digits=1)}" if f.value is not None else ""
+        rows.append(row(each.name, each.point, behind, update, *(number(a, 3) for a in areas)))
+    rows.append(row("oracle", file.references.oracle[0]))
+    rows.append(row("never registers", file.references.silence))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return "\n".join(
         "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
     )

@@ -2,9 +2,9 @@
 
 Half of the lifts start with a grip that is too weak, half with a sufficient one, and a quarter of
 the objects are fragile: those break at a multiple of the force that they need, so the hand responds
-with `stop_and_step`. A lift is done right if the object is held at the end, no slip of 2 mm or more
-was missed, nothing was registered before slip began, the slip is below 20 mm, and a fragile object
-is whole.
+with `stop_and_step`. A lift is right if the object is held at the end, no slip of 2 mm or more
+was missed, nothing was registered before slip began, and a fragile object is whole. Its quality
+falls with the slip, to 0 at 20 mm.
 """
 
 import math
@@ -53,7 +53,8 @@ ORACLE_RULE = RuleSettings(consecutive=1, release=1)
 
 
 class LiftTask(msgspec.Struct, frozen=True):
-    """One lift. ``oracle_s``: delay of an ideal detector that replaces the configured one."""
+    """One lift. ``oracle_s``: delay of an ideal detector that replaces the configured one; longer
+    than a lift for one that never registers."""
 
     config: LiftConfig  # of the detector, with any object and hand
     seed: int
@@ -75,8 +76,10 @@ class LiftRow(msgspec.Struct, frozen=True, kw_only=True):
     over_least: float | None
 
     @property
-    def right(self) -> bool:
-        return self.cause == RIGHT
+    def quality(self) -> float:
+        """From 0 to 1."""
+        slip_mm = self.slip_mm or 0.0
+        return max(0.0, 1.0 - 1e-3 * slip_mm / TOO_FAR_M) if self.cause == RIGHT else 0.0
 
 
 class Grip(msgspec.Struct, frozen=True):

@@ -24,30 +24,24 @@ from grasp.files import write_whole
 from scenarios.benchmark import lifts, streams
 from scenarios.benchmark.lifts import LiftRow, LiftTask, run_lift
 from scenarios.benchmark.protocol import Protocol, SplitName
-from scenarios.benchmark.score_file import Cost, DetectorScores, Point
-from scenarios.benchmark.streams import Tap
+from scenarios.benchmark.quality import BUDGET_PER_MIN, NO_TRIALS, Trials, drawn, interval, scores
+from scenarios.benchmark.score_file import Cost, DetectorScores, Point, References
+from scenarios.benchmark.streams import QUARTER, TAPS, Tap
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.workers import Workers, results
 
 CHECKED = 8  # lifts of a packaged detector that are repeated on the counts alone; else all
-# shares of the samples without slip above a threshold: where the curve is measured
-EXCEEDED = (0.1, 0.02, 0.004, 0.0005)
-ORACLE_S = (0.0, 0.02, 0.05, 0.08, 0.1, 0.12, 0.15, 0.2, 0.3)
+# shares of the samples without slip above a threshold: those that may become the best
+EXCEEDED = (0.02, 0.004, 0.0005)
+ORACLE_S = (0.0, 0.05, 0.1, 0.2)
+NEVER_S = 1000.0  # delay of the oracle that never registers: longer than any lift
 TIMED_UPDATES, FIRST_UPDATES = 2000, 50  # a slow detector is known after the first
 TitledProgress = Callable[[str, int, int], None]
-
-
-class Trials(msgspec.Struct, frozen=True):
-    """Every lift and tap of a detector with one rule, or of the oracle with one delay. They are the
-    same ones in the same order for every detector."""
-
-    level: float  # threshold or limit of the rule, or delay in seconds
-    lifts: list[LiftRow]
-    taps: list[Tap]
+Alarms = list[tuple[int, float]]
 
 
 class Benchmark(msgspec.Struct, frozen=True):
-    """Where and how to run."""
+    """Where and how to run. ``quick``: the first quarter of lifts and taps."""
 
     protocol: Protocol
     split: SplitName
@@ -55,64 +49,89 @@ class Benchmark(msgspec.Struct, frozen=True):
     real: dict[str, list[Recording]]  # labelled, by name
     workers: Workers
     progress: TitledProgress
+    quick: bool = False
 
-    def detector(self, config: LiftConfig) -> DetectorScores:
-        """Measure one detector."""
-        name, rule = config.detector_label, config.rule
-        threshold = config.make_detector(1).threshold
+    @property
+    def tried(self) -> int:
+        """Lifts with each threshold that is tried."""
+        return self.protocol.lifts.number // QUARTER
+
+    @property
+    def lifts(self) -> int:
+        return self.tried if self.quick else self.protocol.lifts.number
+
+    def detector(
+        self, config: LiftConfig, references: References, chosen: float | None = None
+    ) -> DetectorScores:
+        """Measure one detector. ``chosen``: its best threshold if that is not to be found here."""
+        name, own = config.detector_label, config.rule
         sets = streams.stream_files(
             config, self.recordings, self.workers, self._shown(f"{name}, recordings")
         )
-        checked = CHECKED if name in DETECTORS else self.protocol.lifts.number
-        rules = [rule, *curve_rules(sets, rule)]
+        rules = [own, *curve_rules(sets, own)]
+        if chosen is not None:
+            rules = [own, at_level(own, chosen)]
+        alarms = {rule: alarms_of(sets, rule) for rule in rules}
+        within = within_budget(alarms) if chosen is None else rules[1:]
+        checked = CHECKED if name in DETECTORS else self.lifts
+        tries = [rule for rule in within if rule != own]
         rows = self._lifts(name, [
-            task for i, each in enumerate(rules)
-            for task in lifts.tasks(
-                msgspec.structs.replace(config, rule=each), self.split, 0 if i else checked
-            )
+            *self._tasks(config, own, checked)[: self.lifts],
+            *(task for rule in tries for task in self._tasks(config, rule)[: self.tried]),
         ])  # fmt: skip
-        own, *others = (
-            Trials(level(each), lifted, streams.score_taps(sets["mallet"], each))
-            for each, lifted in zip(rules, rows, strict=True)
-        )
-        figures = streams.score_streams(sets, rule, threshold)
+        lifted = {own: rows[: self.lifts]}
+        for i, rule in enumerate(tries):
+            start = self.lifts + i * self.tried
+            lifted[rule] = rows[start : start + self.tried]
+        taps = {rule: streams.score_taps(sets[TAPS], rule) for rule in lifted}
+
+        def made(rule: RuleSettings, rows: Sequence[LiftRow]) -> Point:
+            return point(level(rule), rows, taps[rule], alarms[rule], *references.ends)
+
+        curve = [made(rule, lifted[rule][: self.tried]) for rule in within]
+        best = max(zip(within, curve, strict=True), key=lambda each: each[1].raw.value or 0.0)[0]
+        missing = self._tasks(config, best)[len(lifted[best]) : self.lifts]
+        whole = [*lifted[best], *self._lifts(name, missing)]
+        figures = streams.score_streams(sets, own, config.make_detector(1).threshold)
         return DetectorScores(
-            detector=name, detector_hash=config.detector_hash(), rule=rule,
-            figures=figures | lift_figures(own.lifts) | tap_figures(own.taps),
-            point=point(own), curve=sorted(map(point, others), key=lambda p: p.threshold),
-            causes=causes_of(own.lifts), real=self._real(config),
+            detector=name, detector_hash=config.detector_hash(), rule=own,
+            figures=figures | lift_figures(lifted[own]) | tap_figures(taps[own]),
+            point=made(own, lifted[own]), best=made(best, whole),
+            curve=sorted(map(_without_trials, curve), key=lambda p: p.threshold),
+            causes=causes_of(lifted[own]), real=self._real(config),
         )  # fmt: skip
 
-    def kept_oracle(self, config: LiftConfig, path: Path) -> list[Point]:
-        """``oracle``, from that file if it is there, else written to it. Raises OSError."""
+    def references(self, config: LiftConfig, path: Path) -> References:
+        """The ends of the score, from that file if it is there, else written to it. Raises
+        OSError."""
         with suppress(OSError, msgspec.MsgspecError):  # a damaged file is measured again
-            kept = msgspec.json.decode(path.read_bytes(), type=list[Point])
-            if len(kept) == len(ORACLE_S):
+            kept = msgspec.json.decode(path.read_bytes(), type=References)
+            if len(kept.oracle) == len(ORACLE_S):
                 return kept
-        points = self.oracle(config)
-        write_whole(path, msgspec.json.encode(points), private=True)
-        return points
-
-    def oracle(self, config: LiftConfig) -> list[Point]:
-        """An ideal detector that answers after each delay of ORACLE_S."""
-        base = msgspec.structs.replace(config, rule=lifts.ORACLE_RULE)
-        tasks = [
-            msgspec.structs.replace(task, oracle_s=delay_s)
-            for delay_s in ORACLE_S for task in lifts.tasks(base, self.split, 0)
-        ]  # fmt: skip
         none = np.empty((0, FINGERS))
-        taps = [Streamed(read(file), none, none) for file in self.recordings["mallet"]]
-        return [
-            point(Trials(delay_s, lifted, streams.oracle_taps(taps, 1e3 * delay_s)))
-            for delay_s, lifted in zip(ORACLE_S, self._lifts("oracle", tasks), strict=True)
-        ]
+        taps = [Streamed(read(file), none, none) for file in self.recordings[TAPS]]
+        base = msgspec.structs.replace(config, rule=lifts.ORACLE_RULE)
+        numbers = {NEVER_S: self.lifts, **dict.fromkeys(ORACLE_S, self.tried), 0.0: self.lifts}
+        rows = iter(self._lifts("oracle", [
+            msgspec.structs.replace(task, oracle_s=delay_s)
+            for delay_s, number in numbers.items() for task in self._tasks(base, base.rule)[:number]
+        ]))  # fmt: skip
+        tried = {
+            delay_s: ([next(rows) for _ in range(number)], streams.oracle_taps(taps, 1e3 * delay_s))
+            for delay_s, number in numbers.items()
+        }
+        ends = [trials_of(*tried[delay_s], []) for delay_s in (NEVER_S, 0.0)]
+        silence, *oracle = (point(delay_s, *tried[delay_s], [], *ends) for delay_s in numbers)
+        made = References(silence, oracle)
+        write_whole(path, msgspec.json.encode(made), private=True)
+        return made
 
-    def _lifts(self, name: str, tasks: Sequence[LiftTask]) -> list[list[LiftRow]]:
-        """Results of the lifts, in groups of all lifts of the split."""
+    def _tasks(self, config: LiftConfig, rule: RuleSettings, checked: int = 0) -> list[LiftTask]:
+        return lifts.tasks(msgspec.structs.replace(config, rule=rule), self.split, checked)
+
+    def _lifts(self, name: str, tasks: Sequence[LiftTask]) -> list[LiftRow]:
         shown = self._shown(f"{name}, lifts")
-        rows = streams.in_order(run_lift, tasks, name, self.workers, shown)
-        n = self.protocol.lifts.number
-        return [rows[i : i + n] for i in range(0, len(rows), n)]
+        return streams.in_order(run_lift, tasks, name, self.workers, shown)
 
     def _real(self, config: LiftConfig) -> dict[str, Figure]:
         found = {}
@@ -155,6 +174,13 @@ def level(rule: RuleSettings) -> float:
     return rule.limit if rule.kind == "cusum" else rule.threshold
 
 
+def at_level(rule: RuleSettings, value: float) -> RuleSettings:
+    """The rule with that limit of a CUSUM, or threshold."""
+    if rule.kind == "cusum":
+        return msgspec.structs.replace(rule, limit=value)
+    return msgspec.structs.replace(rule, threshold=value)
+
+
 def curve_rules(sets: dict[str, list[Streamed]], rule: RuleSettings) -> list[RuleSettings]:
     """The rule with levels that EXCEEDED shares of the samples without slip are above."""
     still = []
@@ -164,26 +190,53 @@ def curve_rules(sets: dict[str, list[Streamed]], rule: RuleSettings) -> list[Rul
         still.append(values[WARM_UP_SAMPLES:][~s.labels[WARM_UP_SAMPLES:]])
     ordered = np.sort(np.concatenate(still))
     levels = sorted({quantile(ordered, 1.0 - share) for share in EXCEEDED})
-    if rule.kind == "cusum":
-        return [msgspec.structs.replace(rule, limit=x) for x in levels if 0.0 < x <= 200.0]
-    return [msgspec.structs.replace(rule, threshold=x) for x in levels if 0.0 < x < 1.0]
+    most = 200.0 if rule.kind == "cusum" else 1.0
+    return [at_level(rule, x) for x in levels if 0.0 < x < most]
 
 
-def point(trials: Trials) -> Point:
-    """Shares done right, and delays."""
-    rows, taps = trials.lifts, trials.taps
-    lifted = figure(_share, [[row.right] for row in rows])
-    tapped = figure(taps_right, by_hand(taps))
+def alarms_of(sets: dict[str, list[Streamed]], rule: RuleSettings) -> Alarms:
+    """``Trials.alarms`` of all recordings."""
+    outcomes = [streams.slide_outcomes(s, rule) for each in sets.values() for s in each]
+    return [(o.false, round(o.hand_s, 2)) for o in outcomes]
+
+
+def within_budget(alarms: dict[RuleSettings, Alarms]) -> list[RuleSettings]:
+    """Rules within BUDGET_PER_MIN, or the one with the fewest false alarms."""
+    number = {rule: sum(false for false, _ in each) for rule, each in alarms.items()}
+    seconds = sum(s for _, s in next(iter(alarms.values())))
+    within = [rule for rule, false in number.items() if 60.0 * false <= BUDGET_PER_MIN * seconds]
+    return within or [min(number, key=lambda rule: number[rule])]
+
+
+def trials_of(rows: Sequence[LiftRow], taps: Sequence[Tap], alarms: Alarms) -> Trials:
+    """The qualities."""
+    hands = []
+    for hand in by_hand(taps):
+        moved, unmoved = ([t.quality for t in hand if t.moved is m] for m in (True, False))
+        hands.append((round(sum(moved), 4), len(moved), round(sum(unmoved), 4), len(unmoved)))
+    return Trials([round(row.quality, 4) for row in rows], hands, alarms)
+
+
+def point(
+    level: float, rows: Sequence[LiftRow], taps: Sequence[Tap], alarms: Alarms,
+    silence: Trials, oracle: Trials,
+) -> Point:  # fmt: skip
+    """Scores and delays of one row."""
+    trials = trials_of(rows, taps, alarms)
+    measures = drawn(trials)
     delays = sorted(
         d for d in (*(r.delay_ms for r in rows), *(t.delay_ms for t in taps)) if d is not None
     )
-    both = None
-    if lifted.value is not None and tapped.value is not None:
-        both = (lifted.value + tapped.value) / 2.0
     return Point(
-        trials.level, _mean_of(both, lifted, tapped), lifted, tapped,
-        _finite(delays, 0.5), _finite(delays, 0.9),
+        threshold=level, score=interval(scores(trials, silence, oracle)),
+        raw=interval(measures.raw), lifts=interval(measures.lifts), taps=interval(measures.taps),
+        false_per_min=interval(measures.false_per_min), delay_p50_ms=_finite(delays, 0.5),
+        delay_p90_ms=_finite(delays, 0.9), trials=trials,
     )  # fmt: skip
+
+
+def _without_trials(p: Point) -> Point:
+    return msgspec.structs.replace(p, trials=NO_TRIALS)
 
 
 def by_hand(taps: Sequence[Tap]) -> list[list[Tap]]:
@@ -194,29 +247,12 @@ def by_hand(taps: Sequence[Tap]) -> list[list[Tap]]:
     return list(of_hand.values())
 
 
-def taps_right(hands: Sequence[Sequence[Tap]]) -> float | None:
-    """Mean of the shares done right of taps that moved the object and of those that did not."""
-    shares = [_share([[t.right for t in each if t.moved is m] for each in hands])
-              for m in (False, True)]  # fmt: skip
-    known = [share for share in shares if share is not None]
-    return sum(known) / len(known) if known else None
-
-
-def _mean_of(value: float | None, one: Figure, other: Figure) -> Figure:
-    """Mean of two independent figures, whose errors add as squares."""
-    if value is None or one.low is None or other.low is None:
-        return Figure(value)
-    below = 0.5 * math.hypot(one.value - one.low, other.value - other.low)  # type: ignore[operator]
-    above = 0.5 * math.hypot(one.high - one.value, other.high - other.value)  # type: ignore[operator]
-    return Figure(value, value - below, value + above)
-
-
 def _finite(ordered: Sequence[float], share: float) -> float | None:
     value = quantile(ordered, share) if ordered else math.inf
     return value if math.isfinite(value) else None
 
 
-def _share(units: Sequence[Sequence[bool]]) -> float | None:
+def _mean(units: Sequence[Sequence[float]]) -> float | None:
     every = [each for unit in units for each in unit]
     return sum(every) / len(every) if every else None
 
@@ -237,8 +273,8 @@ def lift_figures(rows: Sequence[LiftRow]) -> dict[str, Figure]:
     slips = sorted(row.slip_mm for row in weak if row.slip_mm is not None)
     over = sorted(row.over_least for row in weak if row.over_least is not None)
     return {
-        "right_smooth": figure(_share, [[row.right] for row in weak if row.smooth]),
-        "right_rough": figure(_share, [[row.right] for row in weak if not row.smooth]),
+        "weak_smooth": figure(_mean, [[row.quality] for row in weak if row.smooth]),
+        "weak_rough": figure(_mean, [[row.quality] for row in weak if not row.smooth]),
         "slip_p50_mm": Figure(_finite(slips, 0.5)), "slip_p90_mm": Figure(_finite(slips, 0.9)),
         "over_least_p50": Figure(_finite(over, 0.5)), "over_least_p90": Figure(_finite(over, 0.9)),
     }  # fmt: skip
@@ -249,15 +285,15 @@ def tap_figures(taps: Sequence[Tap]) -> dict[str, Figure]:
     moved = [tap for tap in taps if tap.moved]
     unmoved = [tap for tap in taps if not tap.moved]
 
-    def right(chosen: Sequence[Tap]) -> Figure:
-        return figure(_share, [[t.right for t in hand] for hand in by_hand(chosen)])
+    def quality(chosen: Sequence[Tap]) -> Figure:
+        return figure(_mean, [[t.quality for t in hand] for hand in by_hand(chosen)])
 
     return {
         "moved": Figure(len(moved)), "unmoved": Figure(len(unmoved)),
-        "detected": right(moved),
-        "detected_smooth": right([t for t in moved if t.smooth]),
-        "detected_rough": right([t for t in moved if not t.smooth]),
-        "unanswered": right(unmoved),
+        "answered": quality(moved),
+        "answered_smooth": quality([t for t in moved if t.smooth]),
+        "answered_rough": quality([t for t in moved if not t.smooth]),
+        "unanswered": quality(unmoved),
     }  # fmt: skip
 
 

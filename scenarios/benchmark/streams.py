@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, registered_events
-from detector.recordings import Recording, read
+from detector.recordings import MOVED_M, Recording, read
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
@@ -34,7 +34,7 @@ from detector.scores.events import (
     true_events,
 )
 from detector.scores.figures import Figure, figure, samples_of
-from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_delays, impacts_of
+from detector.scores.impacts import Impact, impact_delays, impacts_of
 from detector.scores.metrics import Confusion, Floats, Labels, confusion
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
@@ -53,32 +53,39 @@ ACTUATION = (
     "grasped_lift_acceleration", "grasped_set_down", "grasped_arm_vibration",
 )  # fmt: skip
 SLIDES = ("paper", "sliding")  # sets with slip of known onset
+TAPS, QUARTER = "mallet", 4  # set of taps; a quick run has a quarter of it
 LASTING_S, LOOKED_S = 0.2, 2.0  # after onset: where the status is looked at
 FAST_MPS = 0.01  # slides slower than that are not counted as lasting slip
 SPEEDS_MPS = {
     "10-20 mm/s": (FAST_MPS, 0.02), "20-50 mm/s": (0.02, 0.05), "above 50 mm/s": (0.05, math.inf),
 }  # fmt: skip
+# in this time an object that slides at the speed of a lift, 0.1 m/s, moves `lifts.TOO_FAR_M`
+TOO_LATE_MS = 200.0
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
 NO_RESULT_S = 300.0  # of all workers; the longest recording or lift takes a tenth of it
 
 
 class Tap(msgspec.Struct, frozen=True):
-    """One tap by one rule. ``delay_ms``: of those that moved the object by 2 mm; else None."""
+    """One tap by one rule. ``delay_ms``: of those that moved the object by 1 mm; else None."""
 
     recording: int
     smooth: bool
     moved: bool
-    right: bool
+    quality: float  # from 0 to 1
     delay_ms: float | None
 
 
 def ensure_recordings(
     protocol: Protocol, split: SplitName, folder: Path, workers: Workers,
-    progress: Progress, layout: str = "",
+    progress: Progress, layout: str = "", quick: bool = False,
 ) -> dict[str, list[Path]]:  # fmt: skip
-    """Build what is missing of a split's recordings; returns their files by set. Raises UsageError
-    for a folder with other content."""
+    """Build what is missing of a split's recordings; returns their files by set. ``quick``: the
+    first quarter of the taps. Raises UsageError for a folder with other content."""
     plans = {name: protocol.jobs(name, split, layout) for name in protocol.recordings}
+    folders = {name: folder / name for name in plans}
+    if quick:
+        plans[TAPS] = plans[TAPS][: len(plans[TAPS]) // QUARTER]
+        folders[TAPS] = folder / f"{TAPS}-quick"
     total, before = sum(map(len, plans.values())), 0
     for name, jobs in plans.items():
         origin = protocol.dataset(name, split, layout)
@@ -86,9 +93,9 @@ def ensure_recordings(
         def shown(done: int, of: int, before: int = before) -> None:
             progress(before + done, total)
 
-        build(jobs, origin, folder / name, workers, shown)
+        build(jobs, origin, folders[name], workers, shown)
         before += len(jobs)
-    return {name: [folder / name / job.path for job in jobs] for name, jobs in plans.items()}
+    return {name: [folders[name] / job.path for job in jobs] for name, jobs in plans.items()}
 
 
 def _probabilities(config: TrialConfig, path: Path) -> Floats:
@@ -252,37 +259,38 @@ def _dropped(chosen: Sequence[Sequence[Slide]]) -> float | None:
 
 
 def score_taps(streams: Sequence[Streamed], rule: RuleSettings) -> list[Tap]:
-    """All taps of the set `mallet` that moved the object by 2 mm or more, or by less than 0.5 mm.
-
-    Right means: slip registered within 100 ms of the first motion, and the status nominal again
-    within 1 s or before the next disturbance; or nothing registered."""
+    """All taps of the set `mallet`. The quality of one that moved the object by 1 mm falls with
+    the delay from the first motion, to 0 at TOO_LATE_MS or if the status is not nominal again
+    within 1 s or before the next disturbance. After others nothing may be registered."""
     taps = []
     for number, s in enumerate(streams):
         impacts = _impacts(s)
         events, t_s = registered_events(s.probabilities, rule), s.recording.t_s
         on, delays_ms = registered(s, rule), impact_delays(events, impacts, t_s)
         for k, (tap, delay_ms) in enumerate(zip(impacts, delays_ms.tolist(), strict=True)):
-            moved = tap.moved_m >= FAR_M
-            if not moved and tap.moved_m >= UNMOVED_M:
-                continue
             until_s = t_s[tap.onset] + AGAIN_S
             following = impacts[k + 1].start if k + 1 < len(impacts) else len(t_s)
             last = min(int(np.searchsorted(t_s, until_s)), following) - 1
-            answered = delay_ms <= SOON_MS and not on[last]
-            right = answered if moved else not on[tap.start : tap.end].any()
-            smooth = is_smooth(s.recording)
-            taps.append(Tap(number, smooth, moved, right, delay_ms if moved else None))
+            moved = tap.moved_m >= MOVED_M
+            fails = on[last] if moved else on[tap.start : tap.end].any()
+            quality = 0.0 if fails else _promptness(delay_ms) if moved else 1.0
+            taps.append(Tap(number, is_smooth(s.recording), moved, quality,
+                            delay_ms if moved else None))  # fmt: skip
     return taps
 
 
 def oracle_taps(streams: Sequence[Streamed], delay_ms: float) -> list[Tap]:
     """The same taps, with slip registered that long after the first motion and never without."""
     return [
-        Tap(number, is_smooth(s.recording), moved, not moved or delay_ms <= SOON_MS,
+        Tap(number, is_smooth(s.recording), moved, _promptness(delay_ms) if moved else 1.0,
             delay_ms if moved else None)
         for number, s in enumerate(streams) for tap in _impacts(s)
-        for moved in [tap.moved_m >= FAR_M] if moved or tap.moved_m < UNMOVED_M
+        for moved in [tap.moved_m >= MOVED_M]
     ]  # fmt: skip
+
+
+def _promptness(delay_ms: float) -> float:
+    return min(max(1.0 - delay_ms / TOO_LATE_MS, 0.0), 1.0)
 
 
 def _impacts(s: Streamed) -> list[Impact]:

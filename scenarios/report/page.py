@@ -106,14 +106,22 @@ class Axis(msgspec.Struct, frozen=True):
         return [i * step for i in range(first, last + 1)]
 
 
+class Mark(msgspec.Struct, frozen=True):
+    """A highlighted point with its text: a dot, or a ring."""
+
+    x: float
+    y: float
+    text: str
+    hollow: bool = False
+
+
 class Curve(msgspec.Struct, frozen=True):
-    """A line of a plot. ``style``: a class of `page.css`; empty: the next colour. ``dot``: a
-    highlighted point."""
+    """A line of a plot. ``style``: a class of `page.css`; empty: the next colour."""
 
     name: str
     points: Sequence[tuple[float, float]]
     style: str = ""
-    dot: tuple[float, float] | None = None
+    marks: Sequence[Mark] = ()
 
 
 class Plot(msgspec.Struct, frozen=True):

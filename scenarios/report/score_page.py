@@ -9,6 +9,8 @@ from detector.decision import RuleSettings
 from detector.scores.figures import Figure
 from scenarios.benchmark.lifts import CRUSHED, LOST, MISSED, RIGHT
 from scenarios.benchmark.protocol import load_evaluated
+from scenarios.benchmark.quality import BUDGET_PER_MIN, resolved
+from scenarios.benchmark.ranking import halves, ranked, runner_up
 from scenarios.benchmark.score_file import (
     Cost,
     DetectorScores,
@@ -19,13 +21,19 @@ from scenarios.benchmark.score_file import (
 )
 from scenarios.benchmark.slips import AFTER_S, BEFORE_S
 from scenarios.benchmark.streams import SPEEDS_MPS
-from scenarios.report.page import Axis, Cell, Curve, Part, Plot, Section, Table, table_page
+from scenarios.report.page import Axis, Cell, Curve, Mark, Part, Plot, Section, Table, table_page
 from scenarios.report.run_view import in_words
 
 SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
-DELAY = "median delay, ms (grey: later, or more than half were missed)"
-RIGHT_AXIS = "lifts and taps done right, %"
+TITLE = "Score of slip detectors over their delay"
+DELAY = "median delay from slip to its registration, ms (grey: later or never)"
+SCORE_AXIS = "score (0: never registers, 100: oracle)"
 REAL = "Real recordings"
+MEANING = (
+    "The score is 0 for a detector that never registers slip and 100 for an oracle that registers "
+    "it at once. It counts lifts, priced by the millimetre of slip, and taps, priced by the "
+    "millisecond of delay, half each, less one hundredth for each false alarm a minute."
+)
 SIMULATED = f'Everything is simulated, except what is under "{REAL}". Small: 95 % intervals.'
 HARM = (MISSED, LOST, CRUSHED)  # the object is lost or damaged; other errors are false alarms
 NONE = Figure(None)
@@ -46,8 +54,9 @@ def score_page(path: Path) -> str:
         Section("Run it again", hint=_origin(file), code=file.command),
     ]  # fmt: skip
     return table_page(
-        "benchmark", f"version {file.source.version} · split {file.source.split}",
-        sentence(file), sections, remarks=[SIMULATED], origins=_evaluations(),
+        "benchmark", f"version {file.source.version} · split {file.source.split}"
+        + " · quick: not comparable with a full run" * file.source.quick,
+        sentence(file), sections, remarks=[MEANING, SIMULATED], origins=_evaluations(),
     )  # fmt: skip
 
 
@@ -73,15 +82,17 @@ def _evaluation_page(file: ScoreFile) -> str:
 
 
 def sentence(file: ScoreFile) -> str:
-    """The best detector with its share done right and its delay."""
-    points = [(p, each.detector) for each in file.detectors for p in each.own]
-    p, best = max(points, key=lambda each: each[0].right.value or 0.0)
-    most = f"Best of {len(points)} detectors: " if len(points) > 1 else ""
-    delay = "It misses more than half of the slips."
-    if p.delay_p50_ms is not None:
-        delay = f"Its median delay is {p.delay_p50_ms:.0f} ms."
-    share = f"{percent(p.right)} % {between(p.right)}"
-    return f"{most}{best} does {share} of lifts and taps right. {delay}"
+    """The best row, and whether it is better than the best row of another detector."""
+    rows = ranked(file)
+    first, second = rows[0], runner_up(rows)
+    text = f"{first.name}: score {percent(first.point.score)} {between(first.point.score)}"
+    if second is None:
+        return f"{text}."
+    f = second.behind
+    by = f"{percent(f)} {between(f, digits=1)}"
+    if not resolved(f):
+        return f"{text}. Not resolved: {second.name} is {by} behind."
+    return f"Best of {len(file.detectors)} detectors: {text}. {second.name} is {by} behind."
 
 
 def _best(file: ScoreFile) -> str:
@@ -103,37 +114,45 @@ def _best(file: ScoreFile) -> str:
 
 
 def places(points: Sequence[Point], line: int, lines: int) -> list[Where]:
-    """Where points are drawn: delay in ms, and share done right in %. Each of the ``lines`` has
-    its own place for what is later than ``SHOWN_MS`` or never."""
+    """Where points are drawn: delay in ms, and score. Each of the ``lines`` has its own place for
+    what is later than ``SHOWN_MS`` or never."""
     late_ms = SHOWN_MS + (END_MS - SHOWN_MS) * (line + 1) / (lines + 1)
     return [
         (late_ms if p.delay_p50_ms is None or p.delay_p50_ms > SHOWN_MS else p.delay_p50_ms,
-         100.0 * p.right.value)
-        for p in points if p.right.value is not None
+         100.0 * p.score.value)
+        for p in points if p.score.value is not None
     ]  # fmt: skip
 
 
 def by_threshold(each: DetectorScores) -> list[Point]:
-    """The points of a detector, with that of its rule."""
-    return sorted([*each.curve, *each.own], key=lambda p: p.threshold)
+    """The points of a detector: those of its rows in place of the same with fewer lifts."""
+    points = {p.threshold: p for p in (*each.curve, *each.rows)}
+    return sorted(points.values(), key=lambda p: p.threshold)
 
 
 def lowest(points: Sequence[Where]) -> float:
-    """A round share, %, below all points."""
-    return 10.0 * math.floor(min([99.0, *(y for _, y in points)]) / 10.0)
+    """A round score below all points."""
+    return 10.0 * math.floor(min([-1.0, *(y for _, y in points)]) / 10.0)
 
 
 def _plot(file: ScoreFile) -> Plot:
     curves, n = [], len(file.detectors)
+    numbers = {id(row.point): str(i) for i, row in enumerate(ranked(file), 1)}
     for line, each in enumerate(file.detectors):
-        dot = next(iter(places(each.own, line, n)), None)
-        curves.append(Curve(each.detector, places(by_threshold(each), line, n), dot=dot))
-    curves.append(Curve("oracle", places(file.oracle, n, n), "soft"))
+        marks = [
+            Mark(*where, numbers[id(p)], hollow=p is each.best and p != each.point)
+            for where, p in zip(places(each.rows, line, n), each.rows, strict=True)
+        ]
+        curves.append(Curve(each.detector, places(by_threshold(each), line, n), marks=marks))
+    if file.references:
+        oracle = places(file.references.oracle, n, n)
+        curves.append(Curve("upper bound: oracle, that late", oracle, "soft"))
+    curves.append(Curve("lower bound: never registers", [(0.0, 0.0), (END_MS, 0.0)], "limit"))
     low = lowest([point for curve in curves for point in curve.points])
     return Plot(
-        "Lines: thresholds of a detector; dots: its own rule; oracle: reports slip that late",
-        Axis(DELAY, 0.0, END_MS),
-        Axis(RIGHT_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
+        f"{TITLE}. Line: thresholds; dot: its own rule; ring: its best threshold; numbers: of the "
+        "table",
+        Axis(DELAY, 0.0, END_MS), Axis(SCORE_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
     )  # fmt: skip
 
 
@@ -150,20 +169,28 @@ def _table(every: Sequence[DetectorScores], columns: Columns, hint: str = "") ->
 
 def _results(file: ScoreFile, costs: dict[str, Cost]) -> Table:
     def row(p: Point) -> list[Cell]:
-        shares = (p.right, p.lifts_right, p.taps_right)
-        return [*(_share(f, bar=True) for f in shares), Cell(delays(p))]
+        alarms = Cell(number(p.false_per_min, 2), between(p.false_per_min, 1.0, 2))
+        return [*(_share(f) for f in (p.raw, p.lifts, p.taps)), alarms, Cell(delays(p))]
 
-    headings = ("detector", "lifts and taps done right, %", "lifts done right, %",
-                "taps done right, %", "delay p50 / p90, ms", "one update, µs")  # fmt: skip
+    headings = ("detector", "score", "behind the first", "raw, %", "lifts, %", "taps, %",
+                "false alarms / min", "delay p50 / p90, ms", "one update, µs")  # fmt: skip
     rows = [
-        [Cell(d.detector, in_words(d.rule)), *row(p), _cost(costs.get(d.detector))]
-        for d in file.detectors for p in d.own
+        [Cell(f"{i}. {each.of.detector}", each.note), _share(each.point.score, bar=True),
+         Cell("" if each.behind.value is None else percent(each.behind),
+              between(each.behind, digits=1)),
+         *row(each.point), _cost(costs.get(each.of.detector))]
+        for i, each in enumerate(ranked(file), 1)
     ]  # fmt: skip
-    rows += [[Cell("oracle", "the true slip, at once"), *row(p), Cell()] for p in file.oracle[:1]]
+    if known := file.references:
+        for name, p in (("oracle", known.oracle[0]), ("never registers", known.silence)):
+            rows.append([Cell(name), Cell(percent(p.score)), Cell(), *row(p), Cell()])
     return Table(
         headings, rows,
-        "Delay: from the onset of slip in lifts and taps to its registration; never: too many were "
-        "missed. One update: of three fingertips, median.",
+        "Raw: the score before it is scaled to the last two rows. Own rule: as it is given; best "
+        f"threshold: of those within {BUDGET_PER_MIN:g} false alarm a minute. Behind the first: on "
+        "the same trials; the two are not told apart if the interval contains 0. Delay: from the "
+        "onset of slip in lifts and taps to its registration; never: too many were missed. One "
+        f"update: of three fingertips, median. {halves(file)}",
     )  # fmt: skip
 
 
@@ -239,20 +266,21 @@ TOPICS = (
         "fragile object": _causes("fragile"),
     }, "Number of lifts by result."),
     Topic("Lifts with a first grip that is too weak", {
-        "right on smooth objects, %": _shares("right_smooth"),
-        "right on rough objects, %": _shares("right_rough"),
+        "quality on smooth objects, %": _shares("weak_smooth"),
+        "on rough objects, %": _shares("weak_rough"),
         "slip distance p50 / p90, mm": _pairs("slip_p50_mm", "slip_p90_mm"),
         "force over the least that holds, p50 / p90": _pairs("over_least_p50", "over_least_p90"),
-    }, "Force: the thumb's, of right ones."),
+    }, "Quality: 1 less 1/20 for each millimetre of slip, 0 if not right. Force: the thumb's, of "
+       "right ones."),
     Topic("Taps", {
-        "detected and over, %": _shares("detected"),
-        "of these on smooth objects, %": _shares("detected_smooth"),
-        "on rough objects, %": _shares("detected_rough"),
-        "without motion, not answered, %": _shares("unanswered"),
+        "moved: quality, %": _shares("answered"),
+        "of these on smooth objects, %": _shares("answered_smooth"),
+        "on rough objects, %": _shares("answered_rough"),
+        "not moved: not answered, %": _shares("unanswered"),
         "moved / not moved": lambda d: Cell(
             " / ".join(number(d.figures.get(name, NONE), 0) for name in ("moved", "unmoved"))),
-    }, "Moved: by 2 mm or more, to be registered within 100 ms, and over within 1 s. Not moved: by "
-       "less than 0.5 mm."),
+    }, "Moved: by 1 mm or more. Quality: 1 less the delay over 200 ms, 0 if slip is still "
+       "registered 1 s later."),
     Topic("Recordings", {
         "slips detected, %": _shares("recall"),
         "delay p50, ms": _delays("delay_p50_ms"),
