@@ -30,7 +30,8 @@ from scenarios.benchmark.streams import QUARTER, TAPS, Tap
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.workers import Workers, results
 
-CHECKED = 8  # lifts of a packaged detector that are repeated on the counts alone; else all
+# lifts of a packaged detector with each rule that are repeated on the counts alone; else all
+CHECKED = 8
 # shares of the samples without slip above a threshold: those that may become the best
 EXCEEDED = (0.02, 0.004, 0.0005)
 ORACLE_S = (0.0, 0.05, 0.1, 0.2)
@@ -73,12 +74,9 @@ class Benchmark(msgspec.Struct, frozen=True):
             rules = [own, at_level(own, chosen)]
         alarms = {rule: alarms_of(sets, rule) for rule in rules}
         within = within_budget(alarms) if chosen is None else rules[1:]
-        checked = CHECKED if name in DETECTORS else self.lifts
         tries = [rule for rule in within if rule != own]
-        rows = self._lifts(name, [
-            *self._tasks(config, own, checked)[: self.lifts],
-            *(task for rule in tries for task in self._tasks(config, rule)[: self.tried]),
-        ])  # fmt: skip
+        first = [t for rule in tries for t in self._tasks(config, rule)[: self.tried]]
+        rows = self._lifts(name, [*self._tasks(config, own), *first])
         lifted = {own: rows[: self.lifts]}
         for i, rule in enumerate(tries):
             start = self.lifts + i * self.tried
@@ -90,8 +88,8 @@ class Benchmark(msgspec.Struct, frozen=True):
 
         curve = [made(rule, lifted[rule][: self.tried]) for rule in within]
         best = max(zip(within, curve, strict=True), key=lambda each: each[1].raw.value or 0.0)[0]
-        missing = self._tasks(config, best)[len(lifted[best]) : self.lifts]
-        whole = [*lifted[best], *self._lifts(name, missing)]
+        others = self._tasks(config, best)[len(lifted[best]) :]
+        whole = [*lifted[best], *self._lifts(name, others)]
         figures = streams.score_streams(sets, own, config.make_detector(1).threshold)
         return DetectorScores(
             detector=name, detector_hash=config.detector_hash(), rule=own,
@@ -126,8 +124,11 @@ class Benchmark(msgspec.Struct, frozen=True):
         write_whole(path, msgspec.json.encode(made), private=True)
         return made
 
-    def _tasks(self, config: LiftConfig, rule: RuleSettings, checked: int = 0) -> list[LiftTask]:
-        return lifts.tasks(msgspec.structs.replace(config, rule=rule), self.split, checked)
+    def _tasks(self, config: LiftConfig, rule: RuleSettings) -> list[LiftTask]:
+        """The lifts of a detector with that rule."""
+        checked = CHECKED if config.detector_label in DETECTORS else self.lifts
+        config = msgspec.structs.replace(config, rule=rule)
+        return lifts.tasks(config, self.split, checked)[: self.lifts]
 
     def _lifts(self, name: str, tasks: Sequence[LiftTask]) -> list[LiftRow]:
         shown = self._shown(f"{name}, lifts")
