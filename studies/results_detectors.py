@@ -16,6 +16,7 @@ from detector.scores.quantiles import quantiles
 from drivers.errors import GraspError
 from drivers.interfaces import FINGERS
 from grasp.cli import main as cli
+from scenarios.benchmark.ranking import BEST, ranked
 from scenarios.benchmark.score_file import BENCHMARK, read_scores
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
@@ -122,26 +123,29 @@ def update_cost(name: str, updates: int = 3000) -> Row:
 
 
 def benchmark(run: Run) -> Made:
-    """`grasp benchmark` of all detectors on the split `test`."""
+    """`grasp benchmark` of all detectors on the split `test`, after that on `validation`, which
+    chooses thresholds."""
     real = ("--recording", str(run.real)) if run.real else ()
-    (run.folder / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
     words = ("benchmark", *run.settings.detectors, "--out", str(run.folder), *real)
-    if cli.main([*words, "--jobs", str(run.jobs)]):
-        raise GraspError("the benchmark did not finish", "its message is above")
-    file, costs = read_scores(run.folder / BENCHMARK)
+    for split in ("validation", "test"):
+        (run.folder / split / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
+        if cli.main([*words, "--split", split, "--jobs", str(run.jobs)]):
+            raise GraspError("the benchmark did not finish", "its message is above")
+    file, costs = read_scores(run.folder / "test" / BENCHMARK)
     rows = []
-    for each in file.detectors:
-        (p,), s = each.own, each.figures
+    for each in ranked(file):
+        item = each.of.detector if each.point == each.of.point else f"{each.of.detector}, {BEST}"
+        s, p = each.of.figures, each.point
         for measure, f, factor in (
-            ("right, %", p.right, 100.0), ("lifts right, %", p.lifts_right, 100.0),
-            ("taps right, %", p.taps_right, 100.0),
-            ("lasting slip reported, %", s["sustained"], 100.0),
-            ("false alarms a minute", s["false_per_min"], 1.0), ("AUC", s["auc"], 1.0),
-            *((f"AUC, {name}", f, 1.0) for name, f in each.real.items()),
+            ("score", p.score, 100.0), ("behind the first", each.behind, 100.0),
+            ("raw, %", p.raw, 100.0), ("lifts, %", p.lifts, 100.0), ("taps, %", p.taps, 100.0),
+            ("false alarms a minute", p.false_per_min, 1.0),
+            ("lasting slip reported, %", s["sustained"], 100.0), ("AUC", s["auc"], 1.0),
+            *((f"AUC, {name}", f, 1.0) for name, f in each.of.real.items()),
         ):  # fmt: skip
-            rows.append(of_figure(each.detector, measure, f, factor))
+            rows.append(of_figure(item, measure, f, factor))
         p50, p90 = (math.inf if d is None else d for d in (p.delay_p50_ms, p.delay_p90_ms))
-        rows.append(Row(each.detector, "delay p50, ms", p50, None, p90))
-        rows.append(Row(each.detector, "update, µs", costs[each.detector].update_us))
+        rows.append(Row(item, "delay p50, ms", p50, None, p90))
+        rows.append(Row(item, "update, µs", costs[each.of.detector]))
     file = msgspec.structs.replace(file, command="")  # it has paths of this machine
-    return rows, {"file": msgspec.to_builtins(file), "costs": msgspec.to_builtins(costs)}
+    return rows, msgspec.to_builtins(file)

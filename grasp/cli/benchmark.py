@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,27 +19,17 @@ from grasp.cli.output import progress, show
 from grasp.files import PRIVATE_FILE, Holder, locked, make_private_folder, write_whole
 
 CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
-HEADINGS = (
-    "detector", "score", "behind the first", "raw, %", "lifts, %", "taps, %",
-    "false alarms / min", "delay p50 / p90, ms", "AUC", "update, µs",
-)  # fmt: skip
 
 
 def benchmark(args: BenchmarkOptions) -> int:
     from scenarios.acquire.config import layout_file
+    from scenarios.benchmark import score_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
     from scenarios.benchmark.run import Benchmark, costs_of
-    from scenarios.benchmark.score_file import (
-        BENCHMARK,
-        COST,
-        ScoreFile,
-        Source,
-        earlier_scores,
-        write_scores,
-    )
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
+    from scenarios.report.score_page import score_svg
 
     names, pool = list(dict.fromkeys(args.detector or DETECTORS)), workers(args)
     layout = [path] if (path := layout_file(args.layout)) else []
@@ -50,51 +39,58 @@ def benchmark(args: BenchmarkOptions) -> int:
     real = _real(args.recording or ())
     configs = _configs(names, [*layout, *(args.config or ())], args.set)
     costs = costs_of(configs, real, pool)
-    chosen = _chosen(args, configs) if args.split == "test" else {}
+    folder, chosen = _folder(args, args.split), {}
+    if args.split == "test":
+        chosen = _chosen(_folder(args, "validation"), configs, protocol.version)
     seeds = protocol.splits[args.split].digest
-    source = Source(
+    source = score_file.Source(
         "benchmark", args.split, "slip", protocol.version, seeds, args.layout, args.quick
     )
-    out = _folder(args, args.split) / BENCHMARK
-    make_private_folder(out.parent)
+    out = folder / score_file.BENCHMARK
+    make_private_folder(folder)
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
-    here = 0
     try:
         with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
-            measured, kept_costs = earlier_scores(out, source)
-            costs = kept_costs | costs
+            kept, kept_costs = score_file.earlier_scores(out, source)
             recordings = ensure_recordings(
                 protocol, args.split, args.out / _title("recordings", args.split, args.layout),
                 pool, lambda done, of: report("recordings", done, of), args.layout, args.quick,
             )  # fmt: skip
             bench = Benchmark(protocol, args.split, recordings, real, pool, report, args.quick)
             ideal = load_config("can", "simulated", "energy", layout).for_lift()
-            references = bench.references(ideal, out.with_name(f"references-{seeds}.json"))
-            for config in configs:
+            references = bench.references(ideal, folder / f"references-{seeds}.json")
+            for config in [config for config in configs if not _is_in(kept, config, real, out)]:
                 name = config.detector_label
-                kept, again = measured.get(name), "(another --out measures it again)"
-                same = kept and kept.detector_hash == config.detector_hash()
-                if kept and same and kept.real.keys() == real.keys():
-                    exits.print_detail(f"{name}: already in {out} {again}")
-                else:
-                    measured.pop(name, None)
-                    measured[name] = bench.detector(config, references, chosen.get(name))
-                here += 1
-                file = ScoreFile(
+                found = bench.detector(config, references, chosen.get(name))
+                kept = {label: each for label, each in kept.items() if label != name}
+                kept[name] = found
+                score_file.write_scores(out, score_file.ScoreFile(
                     source=source, command=_command(args, names), references=references,
-                    detectors=list(measured.values()),
-                )  # fmt: skip
-                write_scores(out, file)
-                write_whole(out.with_name(COST), msgspec.json.encode(costs), private=True)
+                    detectors=list(kept.values()),
+                ))  # fmt: skip
+                content = msgspec.json.encode(kept_costs | costs)
+                write_whole(folder / score_file.COST, content, private=True)
     except KeyboardInterrupt:
-        problem = f"interrupted; {here} of {len(names)} detectors are in {out}"
+        problem = f"interrupted; the detectors that were measured are in {out}"
         return exits.report("interrupted", problem, "the same command continues", args.json)
     from grasp.cli.recordings import write_page
 
-    pages = [write_page(out), *_chart(file, costs, out)]
-    text = "\n".join([table(file, costs), "", *failures(file), "", *map(str, (out, *pages))])
-    return show(args, {**msgspec.to_builtins(file), "cost": costs}, text)
+    file, costs = score_file.read_scores(out)
+    chart = out.with_suffix(".svg")
+    write_whole(chart, score_svg(file).encode(), private=True)
+    shown = map(str, (out, write_page(out), chart))
+    text = "\n".join([table(file, costs), "", *remarks(file), "", *shown])
+    return show(args, {**msgspec.to_builtins(file), "update_us": costs}, text)
+
+
+def _is_in(kept: dict[str, Any], config: Any, real: dict[str, Any], out: Path) -> bool:
+    """Whether the file has this detector with the same rule and recordings; says so."""
+    found = kept.get(config.detector_label)
+    same = found is not None and found.detector_hash == config.detector_hash()
+    if same := same and found.real.keys() == real.keys():
+        exits.print_detail(f"{found.detector} is already in {out}; another --out measures it again")
+    return same
 
 
 def _title(first: str, *words: str) -> str:
@@ -105,21 +101,17 @@ def _folder(args: BenchmarkOptions, split: str) -> Path:
     return args.out / _title(split, args.layout, "quick" if args.quick else "")
 
 
-def _chosen(args: BenchmarkOptions, configs: Sequence[Any]) -> dict[str, float]:
-    """Best thresholds of the detectors, from the split `validation`. Raises UsageError and
-    BadFile."""
-    from scenarios.benchmark.protocol import load_protocol
+def _chosen(folder: Path, configs: Sequence[Any], version: int) -> dict[str, float]:
+    """Best thresholds of the detectors in that folder. Raises BadFile and UsageError."""
     from scenarios.benchmark.score_file import BENCHMARK, read_scores
 
-    path = _folder(args, "validation") / BENCHMARK
-    known = read_scores(path)[0] if path.exists() else None
-    version = known.source.version if known else None
-    of = known.detectors if known and version == load_protocol().version else []
-    best = {(each.detector, each.detector_hash): each.best for each in of}
-    found = {}
+    path, found = folder / BENCHMARK, {}
+    file = read_scores(path)[0] if path.exists() else None
+    of = file.detectors if file and file.source.version == version else []
+    known = {(each.detector, each.detector_hash): each.best for each in of}
     for config in configs:
         name = config.detector_label
-        point = best.get((name, config.detector_hash()))
+        point = known.get((name, config.detector_hash()))
         if point is None:
             raise UsageError(
                 f"{name} with this rule has no best threshold in {path}",
@@ -196,55 +188,27 @@ def _shown(hidden: bool) -> Iterator[Any]:
         yield report
 
 
-def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
-    """Draw the chart if the extra `exports` is installed; returns its path."""
-    if find_spec("matplotlib") is None:
-        exits.print_detail("no chart: it needs the extra `exports` (make install-exports)")
-        return []
-    from scenarios.report.score_chart import draw_scores
+def table(file: Any, costs: dict[str, float]) -> str:
+    """The result of the page as text."""
+    from scenarios.report.score_page import results_table
 
-    path = out.with_suffix(".svg")
-    draw_scores(file, costs, path)
-    return [path]
+    made = results_table(file, costs)
+    rows = [made.headings]
+    rows += [[f"{cell.text} {cell.small}".strip() for cell in row] for row in made.rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
+    )
 
 
-def failures(file: Any) -> list[str]:
-    """What the table leaves out: the headline, whether halves agree, and of each detector the
-    commonest reasons why lifts were not right."""
+def remarks(file: Any) -> list[str]:
+    """The headline, whether halves agree, and why lifts of each detector were not right."""
     from scenarios.benchmark.ranking import halves
     from scenarios.report.score_page import by_number, sentence
 
     lines = [sentence(file), halves(file)]
     for each in file.detectors:
-        causes = each.causes["all"]
-        wrong = [f"{n} {cause}" for n, cause in by_number(causes)[:3]]
-        lines.append(f"{each.detector}: of {sum(causes.values())} lifts "
-                     f"{', '.join(wrong) or 'all right'}")  # fmt: skip
+        wrong = [f"{n} {cause}" for n, cause in by_number(each.causes)[:3]]
+        total = sum(each.causes.values())
+        lines.append(f"{each.detector}: of {total} lifts {', '.join(wrong) or 'all right'}")
     return lines
-
-
-def table(file: Any, costs: dict[str, Any]) -> str:
-    """The rows by score, then oracle and silence; a column for each real recording."""
-    from detector.scores.figures import Figure
-    from scenarios.benchmark.ranking import ranked
-    from scenarios.report.score_page import between, delays, number, percent
-
-    def row(name: str, p: Any, behind: str = "", update: str = "", *areas: str) -> list[str]:
-        return [name, f"{percent(p.score)} {between(p.score)}", behind, percent(p.raw),
-                percent(p.lifts), percent(p.taps), number(p.false_per_min, 2), delays(p),
-                *(areas or [""] * (1 + len(real))), update]  # fmt: skip
-
-    real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
-    rows = [[*HEADINGS[:-1], *(f"AUC, {name}" for name in real), HEADINGS[-1]]]
-    for each in ranked(file):
-        of, f = each.of, each.behind
-        areas = (of.figures["auc"], *(of.real.get(name, Figure(None)) for name in real))
-        update = f"{costs[of.detector].update_us:.0f}" if of.detector in costs else ""
-        behind = f"{percent(f)} {between(f, digits=1)}" if f.value is not None else ""
-        rows.append(row(each.name, each.point, behind, update, *(number(a, 3) for a in areas)))
-    rows.append(row("oracle", file.references.oracle[0]))
-    rows.append(row("never registers", file.references.silence))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
-    )

@@ -64,16 +64,14 @@ class LiftTask(msgspec.Struct, frozen=True):
 
 class LiftRow(msgspec.Struct, frozen=True, kw_only=True):
     """Result of one lift. ``delay_ms``: from the onset of slip to its registration, infinite if
-    missed; None without slip. ``over_least``: force at the end over the least that holds."""
+    missed; None without slip."""
 
     seed: int
     weak: bool
-    fragile: bool
     smooth: bool
     cause: str  # RIGHT, or what went wrong
     delay_ms: float | None
     slip_mm: float | None
-    over_least: float | None
 
     @property
     def quality(self) -> float:
@@ -172,13 +170,10 @@ def run_lift(task: LiftTask) -> LiftRow:
     honest = not (task.checked and isinstance(detector, RepeatableDetector)) or detector.repeats(
         config.make_detector(FINGERS)
     )
-    end = trial.trace.end
     return LiftRow(
-        seed=task.seed, weak=is_weak(number), fragile=is_fragile(number),
-        smooth=config.object.texture_rms_m < SMOOTH_M,
+        seed=task.seed, weak=is_weak(number), smooth=config.object.texture_rms_m < SMOOTH_M,
         cause=cause if honest else CHEATED, delay_ms=_delay_ms(result, cause),
         slip_mm=None if result.slip_distance_m is None else 1e3 * result.slip_distance_m,
-        over_least=end.normal_n[0] / grip.least_n if end is not None and cause == RIGHT else None,
     )  # fmt: skip
 
 

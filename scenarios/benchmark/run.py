@@ -12,8 +12,7 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, cusum, fused
-from detector.loading import DETECTORS, NETWORK
-from detector.network_file import read_network, weights_path
+from detector.loading import DETECTORS
 from detector.recordings import Recording, read
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, scored_samples, stream
 from detector.scores.figures import Figure, figure, samples_of
@@ -25,7 +24,7 @@ from scenarios.benchmark import lifts, streams
 from scenarios.benchmark.lifts import LiftRow, LiftTask, run_lift
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.benchmark.quality import BUDGET_PER_MIN, NO_TRIALS, Trials, drawn, interval, scores
-from scenarios.benchmark.score_file import Cost, DetectorScores, Point, References
+from scenarios.benchmark.score_file import DetectorScores, Point, References
 from scenarios.benchmark.streams import QUARTER, TAPS, Tap
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.workers import Workers, results
@@ -90,13 +89,13 @@ class Benchmark(msgspec.Struct, frozen=True):
         best = max(zip(within, curve, strict=True), key=lambda each: each[1].raw.value or 0.0)[0]
         others = self._tasks(config, best)[len(lifted[best]) :]
         whole = [*lifted[best], *self._lifts(name, others)]
-        figures = streams.score_streams(sets, own, config.make_detector(1).threshold)
+        figures = streams.score_streams(sets, own)
         return DetectorScores(
             detector=name, detector_hash=config.detector_hash(), rule=own,
             figures=figures | lift_figures(lifted[own]) | tap_figures(taps[own]),
             point=made(own, lifted[own]), best=made(best, whole),
             curve=sorted(map(_without_trials, curve), key=lambda p: p.threshold),
-            causes=causes_of(lifted[own]), real=self._real(config),
+            causes=dict(Counter(sorted(row.cause for row in lifted[own]))), real=self._real(config),
         )  # fmt: skip
 
     def references(self, config: LiftConfig, path: Path) -> References:
@@ -151,7 +150,7 @@ class Benchmark(msgspec.Struct, frozen=True):
 
 def costs_of(
     configs: Sequence[LiftConfig], real: dict[str, list[Recording]], workers: Workers
-) -> dict[str, Cost]:
+) -> dict[str, float]:
     """``cost`` by detector. Raises UsageError, also for one that cannot read a recording."""
     one, found = Workers(min(1, workers.processes)), {}
     for config in configs:
@@ -160,7 +159,7 @@ def costs_of(
     return found
 
 
-def _first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> Cost:
+def _first_use(config: LiftConfig, real: dict[str, list[Recording]]) -> float:
     config.make_detector(1)  # the paper's recordings are of one finger
     for name, each in ((name, each) for name, parts in real.items() for each in parts):
         try:
@@ -258,26 +257,14 @@ def _mean(units: Sequence[Sequence[float]]) -> float | None:
     return sum(every) / len(every) if every else None
 
 
-def causes_of(rows: Sequence[LiftRow]) -> dict[str, dict[str, int]]:
-    """Number of lifts by result: of all, of those with a weak grip, of fragile objects."""
-    kinds = {"all": rows, "weak": [row for row in rows if row.weak],
-             "fragile": [row for row in rows if row.fragile]}  # fmt: skip
-    return {
-        name: dict(sorted(Counter(row.cause for row in chosen).items()))
-        for name, chosen in kinds.items()
-    }
-
-
 def lift_figures(rows: Sequence[LiftRow]) -> dict[str, Figure]:
     """Figures of the lifts with a weak grip."""
     weak = [row for row in rows if row.weak]
     slips = sorted(row.slip_mm for row in weak if row.slip_mm is not None)
-    over = sorted(row.over_least for row in weak if row.over_least is not None)
     return {
         "weak_smooth": figure(_mean, [[row.quality] for row in weak if row.smooth]),
         "weak_rough": figure(_mean, [[row.quality] for row in weak if not row.smooth]),
         "slip_p50_mm": Figure(_finite(slips, 0.5)), "slip_p90_mm": Figure(_finite(slips, 0.9)),
-        "over_least_p50": Figure(_finite(over, 0.5)), "over_least_p90": Figure(_finite(over, 0.9)),
     }  # fmt: skip
 
 
@@ -292,15 +279,13 @@ def tap_figures(taps: Sequence[Tap]) -> dict[str, Figure]:
     return {
         "moved": Figure(len(moved)), "unmoved": Figure(len(unmoved)),
         "answered": quality(moved),
-        "answered_smooth": quality([t for t in moved if t.smooth]),
-        "answered_rough": quality([t for t in moved if not t.smooth]),
         "unanswered": quality(unmoved),
     }  # fmt: skip
 
 
-def cost(config: LiftConfig, clock_ns: Callable[[], int] = time.thread_time_ns) -> Cost:
-    """Median time of an update of three fingers, and the size of a network. Raises UsageError for
-    a detector that needs more than a sample period: it would answer late."""
+def cost(config: LiftConfig, clock_ns: Callable[[], int] = time.thread_time_ns) -> float:
+    """Median time of an update of three fingers, µs. Raises UsageError for a detector that needs
+    more than a sample period: it would answer late."""
     detector = config.make_detector(FINGERS)
     taxels = config.tactile.taxels or KIT_TAXELS
     steps = np.random.default_rng(0).integers(-3, 4, (TIMED_UPDATES, FINGERS, taxels))
@@ -317,8 +302,4 @@ def cost(config: LiftConfig, clock_ns: Callable[[], int] = time.thread_time_ns) 
                 f"{config.detector_label}: one update takes {median_us / 1e3:.1f} ms",
                 f"a detector has to answer within the sample period of {1e3 * PERIOD_S:g} ms",
             )
-    if config.detector_section != NETWORK:
-        return Cost(median_us, None, None)
-    path = weights_path(config.network.weights or config.detector_name)
-    card = read_network(path).card
-    return Cost(median_us, card.parameters or None, path.stat().st_size)
+    return median_us

@@ -15,7 +15,7 @@ from grasp.files import write_whole
 from scenarios.benchmark.quality import NO_TRIALS, Trials
 
 BENCHMARK = "benchmark.json"
-COST = "cost.json"  # beside benchmark.json: it differs between runs
+COST = "cost.json"  # beside benchmark.json: µs for an update, which differ between runs
 BEGINS = '{"kind":"grasp scores"'  # first characters of every file of scores
 REMEDY = (
     "make it again, elsewhere: `grasp benchmark`, or `grasp detector evaluate NAME --data DIR "
@@ -98,7 +98,7 @@ class DetectorScores(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
     point: Point | None = None  # own rule
     best: Point | None = None  # threshold with the highest `raw` within BUDGET_PER_MIN
     curve: list[Point] = []  # thresholds that were tried, on the first lifts
-    causes: dict[str, dict[str, int]] = {}  # results of all, weak and fragile lifts
+    causes: dict[str, int] = {}  # of its own rule, lifts by result
     real: dict[str, Figure] = {}  # AUC by recording
     # of an evaluation
     slips: list[ScoredSlip] = []
@@ -109,14 +109,6 @@ class DetectorScores(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
         """Its best threshold, and its own rule if that is another one; none in an evaluation."""
         points = [self.best] if self.point == self.best else [self.point, self.best]
         return [p for p in points if p is not None]
-
-
-class Cost(msgspec.Struct, frozen=True):
-    """Cost of a detector; the only figures that a repeated benchmark changes."""
-
-    update_us: float  # median, three fingers
-    parameters: int | None
-    bytes: int | None
 
 
 class ScoreFile(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="grasp scores"):
@@ -139,7 +131,7 @@ def write_scores(path: Path, file: ScoreFile) -> None:
     write_whole(path, msgspec.json.encode(file), private=True)
 
 
-def read_scores(path: Path) -> tuple[ScoreFile, dict[str, Cost]]:
+def read_scores(path: Path) -> tuple[ScoreFile, dict[str, float]]:
     """A file of scores, and the costs of its detectors if they are beside a benchmark. Raises
     BadFile and OSError."""
     try:
@@ -149,11 +141,13 @@ def read_scores(path: Path) -> tuple[ScoreFile, dict[str, Cost]]:
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
         if found.source.version is not None:
             beside = path.with_name(COST).read_bytes()
-            return found, msgspec.json.decode(beside, type=dict[str, Cost])
+            return found, msgspec.json.decode(beside, type=dict[str, float])
     return found, {}
 
 
-def earlier_scores(path: Path, source: Source) -> tuple[dict[str, DetectorScores], dict[str, Cost]]:
+def earlier_scores(
+    path: Path, source: Source
+) -> tuple[dict[str, DetectorScores], dict[str, float]]:
     """Scores and costs of detectors in that file, if there is one. Raises BadFile for a damaged
     file and for one of another version, OSError."""
     if not path.exists():

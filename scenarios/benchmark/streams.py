@@ -5,7 +5,6 @@ then scored from its output. An interval is over recordings, each of which has i
 and texture.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,6 @@ from detector.recordings import MOVED_M, Recording, read
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
-    cause_of,
     scored_samples,
     stream,
 )
@@ -35,9 +33,8 @@ from detector.scores.events import (
 )
 from detector.scores.figures import Figure, figure, samples_of
 from detector.scores.impacts import Impact, impact_delays, impacts_of
-from detector.scores.metrics import Confusion, Floats, Labels, confusion
+from detector.scores.metrics import Floats, Labels
 from drivers.errors import UsageError
-from drivers.interfaces import PERIOD_S
 from scenarios.acquire.datasets.build import Progress, build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
 from scenarios.benchmark.lifts import SMOOTH_M
@@ -47,18 +44,10 @@ from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
 R = TypeVar("R")
-# forces that the hand or arm changes by itself, and other causes without slip
-ACTUATION = (
-    "force_steps", "contact_made_and_broken", "arm_vibration", "grasped_closing_and_tightening",
-    "grasped_lift_acceleration", "grasped_set_down", "grasped_arm_vibration",
-)  # fmt: skip
 SLIDES = ("paper", "sliding")  # sets with slip of known onset
 TAPS, QUARTER = "mallet", 4  # set of taps; a quick run has a quarter of it
 LASTING_S, LOOKED_S = 0.2, 2.0  # after onset: where the status is looked at
 FAST_MPS = 0.01  # slides slower than that are not counted as lasting slip
-SPEEDS_MPS = {
-    "10-20 mm/s": (FAST_MPS, 0.02), "20-50 mm/s": (0.02, 0.05), "above 50 mm/s": (0.05, math.inf),
-}  # fmt: skip
 # in this time an object that slides at the speed of a lift, 0.1 m/s, moves `lifts.TOO_FAR_M`
 TOO_LATE_MS = 200.0
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
@@ -143,38 +132,21 @@ def stream_files(
     }
 
 
-def score_streams(
-    sets: dict[str, list[Streamed]], rule: RuleSettings, threshold: float
-) -> dict[str, Figure]:
-    """Figures of a rule by name; ``threshold`` is that of single samples."""
+def score_streams(sets: dict[str, list[Streamed]], rule: RuleSettings) -> dict[str, Figure]:
+    """Figures of a rule by name."""
     judged = {name: [slide_outcomes(s, rule) for s in each] for name, each in sets.items()}
     slides = [outcomes for name in SLIDES for outcomes in judged[name]]
     every = [outcomes for each in judged.values() for outcomes in each]
-    causes = [cause_of(s.recording) for each in sets.values() for s in each]
-    actuated = [o for o, cause in zip(every, causes, strict=True) if cause in ACTUATION]
     parts = [scored_samples(s, rule) for s in sets["paper"]]
-    lasting = [_lasting(s, rule) for s in sets["sliding"]]
-
-    def reported(keep: Callable[[Slide], bool]) -> Figure:
-        return figure(_reported, [[x for x in each if keep(x)] for each in lasting])
-
     return {
         "auc": samples_of(parts).auc(),
-        "balanced_accuracy": figure(_balanced, [confusion(p > threshold, y) for p, y in parts]),
         "recall": figure(recall, slides),
         "delay_p50_ms": figure(delay_quantile_ms, slides),
         "delay_p90_ms": figure(partial(delay_quantile_ms, share=0.9), slides),
         "false_per_min": figure(false_rate, every),
-        "false_per_min_actuation": figure(false_rate, actuated),
         "lingering": figure(_lingering, every),  # share of the time without slip
-        "sustained": reported(lambda x: True),  # share of lasting slip that is reported
-        **{
-            f"sustained, {name}": reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
-            for name, (low, high) in SPEEDS_MPS.items()
-        },
-        "sustained_smooth": reported(lambda x: x.smooth),
-        "sustained_rough": reported(lambda x: not x.smooth),
-        "dropped_per_s": figure(_dropped, lasting),  # times that the status is nominal again
+        # share of lasting slip that is reported
+        "sustained": figure(_reported, [_lasting(s, rule) for s in sets["sliding"]]),
     }  # fmt: skip
 
 
@@ -194,26 +166,12 @@ def slide_outcomes(s: Streamed, rule: RuleSettings) -> EventOutcomes:
     return msgspec.structs.replace(found, delays_ms=np.maximum(found.delays_ms, 0.0))
 
 
-def _balanced(cells: Sequence[Confusion]) -> float | None:
-    return Confusion(*np.sum([msgspec.structs.astuple(c) for c in cells], axis=0)).balanced_accuracy
-
-
 def _lingering(outcomes: Sequence[EventOutcomes]) -> float | None:
     seconds = sum(o.hand_s for o in outcomes)
     return sum(o.lingering_s for o in outcomes) / seconds if seconds else None
 
 
 # Slip that lasts
-
-
-class Slide(msgspec.Struct, frozen=True):
-    """A slide from LASTING_S to LOOKED_S after its onset."""
-
-    speed_mps: float  # mean
-    smooth: bool
-    samples: int
-    reported: int  # samples with slip registered
-    drops: int  # times that the status became nominal
 
 
 def is_smooth(recording: Recording) -> bool:
@@ -230,29 +188,22 @@ def registered(s: Streamed, rule: RuleSettings) -> Labels:
     return on
 
 
-def _lasting(s: Streamed, rule: RuleSettings) -> list[Slide]:
-    r, slides = s.recording, []
+def _lasting(s: Streamed, rule: RuleSettings) -> Labels:
+    """Samples (n,) of lasting slip, from LASTING_S to LOOKED_S after its onset: whether slip is
+    registered."""
+    r, on, seen = s.recording, registered(s, rule), [np.zeros(0, np.bool_)]
     if r.slip_true is None or r.contact_speed_mps is None:
-        return []
-    on = registered(s, rule)
+        return seen[0]
     for first, after in true_events(r.slip_true, r.t_s, MERGE_GAP_S):
         begin, end = np.searchsorted(r.t_s, r.t_s[first] + np.array([LASTING_S, LOOKED_S]))
-        seen = on[begin : min(end, after)]
-        speed_mps = float(r.contact_speed_mps[first:after].mean())
-        if len(seen) and first >= WARM_UP_SAMPLES and speed_mps >= FAST_MPS:
-            drops = int((seen[:-1] & ~seen[1:]).sum())
-            slides.append(Slide(speed_mps, is_smooth(r), len(seen), int(seen.sum()), drops))
-    return slides
+        if first >= WARM_UP_SAMPLES and r.contact_speed_mps[first:after].mean() >= FAST_MPS:
+            seen.append(on[begin : min(end, after)])
+    return np.concatenate(seen)
 
 
-def _reported(chosen: Sequence[Sequence[Slide]]) -> float | None:
-    samples = sum(slide.samples for each in chosen for slide in each)
-    return sum(x.reported for each in chosen for x in each) / samples if samples else None
-
-
-def _dropped(chosen: Sequence[Sequence[Slide]]) -> float | None:
-    seconds = PERIOD_S * sum(slide.samples for each in chosen for slide in each)
-    return sum(x.drops for each in chosen for x in each) / seconds if seconds else None
+def _reported(chosen: Sequence[Labels]) -> float | None:
+    every = np.concatenate(chosen)
+    return float(every.mean()) if len(every) else None
 
 
 # Taps

@@ -107,11 +107,13 @@ class Axis(msgspec.Struct, frozen=True):
 
 
 class Mark(msgspec.Struct, frozen=True):
-    """A highlighted point with its text: a dot, or a ring."""
+    """A highlighted point with its text and the interval of y: a dot, or a ring."""
 
     x: float
     y: float
     text: str
+    low: float
+    high: float
     hollow: bool = False
 
 
@@ -125,13 +127,24 @@ class Curve(msgspec.Struct, frozen=True):
 
 
 class Plot(msgspec.Struct, frozen=True):
-    """A plot of curves; the ``spans`` of x are shaded."""
+    """A plot of curves; the ``spans`` of x are shaded. ``hint``: how to read it."""
 
     title: str
     x: Axis
     y: Axis
     curves: Sequence[Curve]
     spans: Sequence[tuple[float, float]] = ()
+    hint: str = ""
+
+    @property
+    def height(self) -> int:
+        """With the axis and two columns of the legend."""
+        return 206 + 14 * math.ceil(len(self.curves) / 2)
+
+
+def plot_svg(plot: Plot) -> str:
+    """The plot as an SVG file."""
+    return _templates().get_template("plot.svg").render(it=plot, style=Markup(_part("page.css")))
 
 
 # Tables

@@ -8,11 +8,9 @@ from typing import NamedTuple
 from detector.decision import RuleSettings
 from detector.scores.figures import Figure
 from scenarios.benchmark.lifts import CRUSHED, LOST, MISSED, RIGHT
-from scenarios.benchmark.protocol import load_evaluated
 from scenarios.benchmark.quality import BUDGET_PER_MIN, resolved
 from scenarios.benchmark.ranking import halves, ranked, runner_up
 from scenarios.benchmark.score_file import (
-    Cost,
     DetectorScores,
     Point,
     ScoreFile,
@@ -20,21 +18,30 @@ from scenarios.benchmark.score_file import (
     read_scores,
 )
 from scenarios.benchmark.slips import AFTER_S, BEFORE_S
-from scenarios.benchmark.streams import SPEEDS_MPS
-from scenarios.report.page import Axis, Cell, Curve, Mark, Part, Plot, Section, Table, table_page
+from scenarios.report.page import (
+    Axis,
+    Cell,
+    Curve,
+    Mark,
+    Part,
+    Plot,
+    Section,
+    Table,
+    cells,
+    plot_svg,
+    table_page,
+)
 from scenarios.report.run_view import in_words
 
 SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
-TITLE = "Score of slip detectors over their delay"
-DELAY = "median delay from slip to its registration, ms (grey: later or never)"
+DELAY = "median delay, ms (grey: later or never)"
 SCORE_AXIS = "score (0: never registers, 100: oracle)"
-REAL = "Real recordings"
 MEANING = (
     "The score is 0 for a detector that never registers slip and 100 for an oracle that registers "
     "it at once. It counts lifts, priced by the millimetre of slip, and taps, priced by the "
     "millisecond of delay, half each, less one hundredth for each false alarm a minute."
 )
-SIMULATED = f'Everything is simulated, except what is under "{REAL}". Small: 95 % intervals.'
+SIMULATED = "Everything is simulated, except real recordings. Small: 95 % intervals."
 HARM = (MISSED, LOST, CRUSHED)  # the object is lost or damaged; other errors are false alarms
 NONE = Figure(None)
 Where = tuple[float, float]
@@ -46,17 +53,15 @@ def score_page(path: Path) -> str:
     file, costs = read_scores(path)
     if file.source.version is None:
         return _evaluation_page(file)
-    every = file.detectors
     sections = [
-        Section("Result", [_results(file, costs)], [_plot(file)]),
-        *(topic.section(every) for topic in TOPICS),
-        _real(every),
+        Section("Result", [results_table(file, costs)], [_plot(file)]),
+        *(topic.section(file.detectors) for topic in TOPICS),
         Section("Run it again", hint=_origin(file), code=file.command),
     ]  # fmt: skip
     return table_page(
         "benchmark", f"version {file.source.version} · split {file.source.split}"
         + " · quick: not comparable with a full run" * file.source.quick,
-        sentence(file), sections, remarks=[MEANING, SIMULATED], origins=_evaluations(),
+        sentence(file), sections, remarks=[MEANING, SIMULATED],
     )  # fmt: skip
 
 
@@ -110,7 +115,7 @@ def _best(file: ScoreFile) -> str:
     return f"{text}{most.detector} detected most slips, {detected:.0f} of {slips:.0f}."
 
 
-# The plot, also drawn by `score_chart`
+# The plot
 
 
 def places(points: Sequence[Point], line: int, lines: int) -> list[Where]:
@@ -130,30 +135,35 @@ def by_threshold(each: DetectorScores) -> list[Point]:
     return sorted(points.values(), key=lambda p: p.threshold)
 
 
-def lowest(points: Sequence[Where]) -> float:
-    """A round score below all points."""
-    return 10.0 * math.floor(min([-1.0, *(y for _, y in points)]) / 10.0)
-
-
 def _plot(file: ScoreFile) -> Plot:
-    curves, n = [], len(file.detectors)
-    numbers = {id(row.point): str(i) for i, row in enumerate(ranked(file), 1)}
+    curves, n, known = [], len(file.detectors), file.references
+    ranks = {id(row.point): str(i) for i, row in enumerate(ranked(file), 1)}
     for line, each in enumerate(file.detectors):
         marks = [
-            Mark(*where, numbers[id(p)], hollow=p is each.best and p != each.point)
+            Mark(*where, ranks[id(p)], _percent(p.score.low), _percent(p.score.high),
+                 hollow=p != each.point)
             for where, p in zip(places(each.rows, line, n), each.rows, strict=True)
-        ]
-        curves.append(Curve(each.detector, places(by_threshold(each), line, n), marks=marks))
-    if file.references:
-        oracle = places(file.references.oracle, n, n)
-        curves.append(Curve("upper bound: oracle, that late", oracle, "soft"))
-    curves.append(Curve("lower bound: never registers", [(0.0, 0.0), (END_MS, 0.0)], "limit"))
-    low = lowest([point for curve in curves for point in curve.points])
+        ]  # fmt: skip
+        name = f"{', '.join(m.text for m in marks)}: {Path(each.detector).name}"
+        curves.append(Curve(name, places(by_threshold(each), line, n), marks=marks))
+    if known:
+        curves.append(Curve("oracle, that late", places(known.oracle, n, n), "soft"))
+    curves.append(Curve("never registers", [(0.0, 0.0), (END_MS, 0.0)], "limit"))
+    lowest = min(y for curve in curves for _, y in curve.points)
     return Plot(
-        f"{TITLE}. Line: thresholds; dot: its own rule; ring: its best threshold; numbers: of the "
-        "table",
-        Axis(DELAY, 0.0, END_MS), Axis(SCORE_AXIS, low, 100.0), curves, [(SHOWN_MS, END_MS)],
+        "Score of slip detectors over their delay", Axis(DELAY, 0.0, END_MS),
+        Axis(SCORE_AXIS, 10.0 * math.floor(lowest / 10.0), 100.0), curves, [(SHOWN_MS, END_MS)],
+        "line: thresholds; dot: own rule; ring: best threshold; numbers: ranks",
     )  # fmt: skip
+
+
+def _percent(share: float | None) -> float:
+    return 100.0 * (share or 0.0)
+
+
+def score_svg(file: ScoreFile) -> str:
+    """The chart of a benchmark."""
+    return plot_svg(_plot(file))
 
 
 # Tables
@@ -167,57 +177,48 @@ def _table(every: Sequence[DetectorScores], columns: Columns, hint: str = "") ->
     return Table(("detector", *columns), rows, hint)
 
 
-def _results(file: ScoreFile, costs: dict[str, Cost]) -> Table:
-    def row(p: Point) -> list[Cell]:
-        alarms = Cell(number(p.false_per_min, 2), between(p.false_per_min, 1.0, 2))
-        return [*(_share(f) for f in (p.raw, p.lifts, p.taps)), alarms, Cell(delays(p))]
+def results_table(file: ScoreFile, costs: dict[str, float]) -> Table:
+    """The rows of a benchmark by score, then the ends of the score."""
 
+    def row(p: Point, behind: Cell, *more: str) -> list[Cell]:
+        return [_share(p.score, bar=True), behind, *cells(
+            percent(p.raw), percent(p.lifts), percent(p.taps), number(p.false_per_min, 2),
+            delays(p), *(more or [""] * (2 + len(real))))]  # fmt: skip
+
+    real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
     headings = ("detector", "score", "behind the first", "raw, %", "lifts, %", "taps, %",
-                "false alarms / min", "delay p50 / p90, ms", "one update, µs")  # fmt: skip
-    rows = [
-        [Cell(f"{i}. {each.of.detector}", each.note), _share(each.point.score, bar=True),
-         Cell("" if each.behind.value is None else percent(each.behind),
-              between(each.behind, digits=1)),
-         *row(each.point), _cost(costs.get(each.of.detector))]
-        for i, each in enumerate(ranked(file), 1)
-    ]  # fmt: skip
+                "false alarms / min", "delay p50 / p90, ms", "one update, µs", "AUC",
+                *(f"AUC, {name}" for name in real))  # fmt: skip
+    rows = []
+    for i, each in enumerate(ranked(file), 1):
+        of = each.of
+        areas = (of.figures.get("auc", NONE), *(of.real.get(name, NONE) for name in real))
+        behind = Cell(percent(each.behind), between(each.behind, digits=1))
+        update = f"{costs[of.detector]:.0f}" if of.detector in costs else "–"
+        texts = [update, *(number(area, 3) for area in areas)]
+        rows.append([Cell(f"{i}. {of.detector}", each.note), *row(each.point, behind, *texts)])
     if known := file.references:
-        for name, p in (("oracle", known.oracle[0]), ("never registers", known.silence)):
-            rows.append([Cell(name), Cell(percent(p.score)), Cell(), *row(p), Cell()])
+        rows += [[Cell("oracle"), *row(known.oracle[0], Cell())],
+                 [Cell("never registers"), *row(known.silence, Cell())]]  # fmt: skip
     return Table(
         headings, rows,
-        "Raw: the score before it is scaled to the last two rows. Own rule: as it is given; best "
-        f"threshold: of those within {BUDGET_PER_MIN:g} false alarm a minute. Behind the first: on "
-        "the same trials; the two are not told apart if the interval contains 0. Delay: from the "
-        "onset of slip in lifts and taps to its registration; never: too many were missed. One "
-        f"update: of three fingertips, median. {halves(file)}",
+        "Raw: the score before it is scaled to the last two rows. Best threshold: of those within "
+        f"{BUDGET_PER_MIN:g} false alarm a minute. Behind the first: on the same trials; not told "
+        "apart if the interval contains 0. Delay: from the onset of slip in lifts and taps to its "
+        "registration; never: too many were missed. One update: of three fingertips, median. AUC: "
+        f"of the paper's strokes, and of real recordings. {halves(file)}",
     )  # fmt: skip
 
 
-def _cost(cost: Cost | None) -> Cell:
-    if cost is None:
-        return Cell("–")
-    size = ""
-    if cost.parameters is not None and cost.bytes is not None:
-        size = f"{cost.parameters} parameters, {cost.bytes / 1e3:.0f} kB"
-    return Cell(f"{cost.update_us:.0f}", size)
-
-
-def _causes(lifts: str) -> Callable[[DetectorScores], Cell]:
-    """Number of ``all``, ``weak`` or ``fragile`` lifts by result."""
-
-    def cell(each: DetectorScores) -> Cell:
-        counts = each.causes.get(lifts, {})
-        total = sum(counts.values())
-        ordered = [(counts.get(RIGHT, 0), RIGHT), *by_number(counts)]
-        kinds = {RIGHT: "good", **dict.fromkeys(HARM, "bad")}
-        parts = [
-            Part(f"{n} {cause}", n / max(total, 1), kinds.get(cause, "error"))
-            for n, cause in ordered
-        ]
-        return Cell(f"{total}", parts=parts)
-
-    return cell
+def _causes(each: DetectorScores) -> Cell:
+    """Number of lifts by result."""
+    total = sum(each.causes.values())
+    ordered = [(each.causes.get(RIGHT, 0), RIGHT), *by_number(each.causes)]
+    kinds = {RIGHT: "good", **dict.fromkeys(HARM, "bad")}
+    parts = [
+        Part(f"{n} {cause}", n / max(total, 1), kinds.get(cause, "error")) for n, cause in ordered
+    ]
+    return Cell(f"{total}", parts=parts)
 
 
 def by_number(counts: dict[str, int]) -> list[tuple[int, str]]:
@@ -242,9 +243,9 @@ def _delays(name: str) -> Callable[[DetectorScores], Cell]:
     return cell
 
 
-def _pairs(one: str, other: str) -> Callable[[DetectorScores], Cell]:
+def _pairs(one: str, other: str, digits: int = 1) -> Callable[[DetectorScores], Cell]:
     return lambda d: Cell(
-        " / ".join(number(d.figures.get(name, NONE)) for name in (one, other))
+        " / ".join(number(d.figures.get(name, NONE), digits) for name in (one, other))
     )  # fmt: skip
 
 
@@ -261,45 +262,27 @@ class Topic(NamedTuple):
 
 TOPICS = (
     Topic("Lifts", {
-        "all lifts": _causes("all"),
-        "first grip too weak": _causes("weak"),
-        "fragile object": _causes("fragile"),
-    }, "Number of lifts by result."),
-    Topic("Lifts with a first grip that is too weak", {
-        "quality on smooth objects, %": _shares("weak_smooth"),
+        "by result": _causes,
+        "first grip too weak: quality on smooth objects, %": _shares("weak_smooth"),
         "on rough objects, %": _shares("weak_rough"),
         "slip distance p50 / p90, mm": _pairs("slip_p50_mm", "slip_p90_mm"),
-        "force over the least that holds, p50 / p90": _pairs("over_least_p50", "over_least_p90"),
-    }, "Quality: 1 less 1/20 for each millimetre of slip, 0 if not right. Force: the thumb's, of "
-       "right ones."),
+    }, "Quality: 1 less 1/20 for each millimetre of slip, 0 if not right."),
     Topic("Taps", {
         "moved: quality, %": _shares("answered"),
-        "of these on smooth objects, %": _shares("answered_smooth"),
-        "on rough objects, %": _shares("answered_rough"),
         "not moved: not answered, %": _shares("unanswered"),
-        "moved / not moved": lambda d: Cell(
-            " / ".join(number(d.figures.get(name, NONE), 0) for name in ("moved", "unmoved"))),
+        "moved / not moved": _pairs("moved", "unmoved", 0),
     }, "Moved: by 1 mm or more. Quality: 1 less the delay over 200 ms, 0 if slip is still "
        "registered 1 s later."),
     Topic("Recordings", {
         "slips detected, %": _shares("recall"),
         "delay p50, ms": _delays("delay_p50_ms"),
         "delay p90, ms": _delays("delay_p90_ms"),
+        "slip that lasts, % reported": _shares("sustained"),
         "false alarms per minute of a hand": _values("false_per_min"),
-        "while hand or arm moves": _values("false_per_min_actuation"),
         "registered without slip, % of that time": _shares("lingering"),
-        "samples right (balanced), %": _shares("balanced_accuracy"),
-        "AUC": _values("auc", 3),
-    }, "Slips: true slides of 0.5 mm or more. False alarm: an event that begins although nothing "
-       "slides from 0.1 s before to 0.3 s after. Balanced accuracy and AUC: of the paper's "
-       "strokes."),
-    Topic("Slip that lasts", {
-        "reported, %": _shares("sustained"),
-        **{f"{speed}, %": _shares(f"sustained, {speed}") for speed in SPEEDS_MPS},
-        "smooth objects, %": _shares("sustained_smooth"),
-        "rough objects, %": _shares("sustained_rough"),
-        "status lost per second": _values("dropped_per_s"),
-    }, "Share of the time, from 0.2 s to 2 s after the onset, with slip registered."),
+    }, "Slips: true slides of 0.5 mm or more. Slip that lasts: from 0.2 s to 2 s after the onset. "
+       "False alarm: an event that begins although nothing slides from 0.1 s before to 0.3 s after."
+    ),
 )  # fmt: skip
 EVALUATION = Topic("Scores", {
     "AUC": _values("auc", 3),
@@ -315,15 +298,6 @@ EVALUATION = Topic("Scores", {
    "decision rule. Distance and cost: –: infinite. Small: 95 % intervals.")  # fmt: skip
 
 
-def _real(every: Sequence[DetectorScores]) -> Section:
-    def on(name: str) -> Callable[[DetectorScores], Cell]:
-        return lambda d: _value(d.real[name], 3) if name in d.real else Cell("not given")
-
-    if names := dict.fromkeys(name for each in every for name in each.real):
-        return Section(REAL, [_table(every, {f"AUC on {name}": on(name) for name in names})])
-    return Section(REAL, hint="Not given (`--recording FILE`).")
-
-
 def _hashes(file: ScoreFile) -> str:
     hashes = ", ".join(f"{each.detector} {each.detector_hash}" for each in file.detectors)
     return f"Hashes of weights or formula, and rule: {hashes}."
@@ -336,12 +310,6 @@ def _origin(file: ScoreFile) -> str:
         f"Protocol version {source.version}, split {source.split}, {layout}digest of its seeds and "
         f"settings {source.seeds}. {_hashes(file)}"
     )
-
-
-def _evaluations() -> list[str]:
-    found = load_evaluated()
-    listed = [f"{each.date}: {each.detector} {each.digest}" for each in found]
-    return [f"Evaluations of candidates for the package on the split test: {len(found)}.", *listed]
 
 
 # Figures as text
