@@ -87,10 +87,10 @@ def benchmark(args: BenchmarkOptions) -> int:
 def _is_in(kept: dict[str, Any], config: Any, real: dict[str, Any], out: Path) -> bool:
     """Whether the file has this detector with the same rule and recordings; says so."""
     found = kept.get(config.detector_label)
-    same = found is not None and found.detector_hash == config.detector_hash()
-    if same := same and found.real.keys() == real.keys():
-        exits.print_detail(f"{found.detector} is already in {out}; another --out measures it again")
-    return same
+    if found is None or found.detector_hash != config.detector_hash() or {*found.real} != {*real}:
+        return False
+    exits.print_detail(f"{found.detector} is already in {out}; another --out measures it again")
+    return True
 
 
 def _title(first: str, *words: str) -> str:

@@ -43,12 +43,14 @@ class Drawn(msgspec.Struct, frozen=True, eq=False):
     """Measures of all trials, then of each resample: shares, and false alarms a minute."""
 
     lifts: Floats
-    taps: Floats
+    moved: Floats  # taps that moved the object
+    unmoved: Floats
     false_per_min: Floats
 
     @property
     def raw(self) -> Floats:
-        return (self.lifts + self.taps) / 2.0 - PER_FALSE_ALARM * self.false_per_min
+        taps = (self.moved + self.unmoved) / 2.0
+        return (self.lifts + taps) / 2.0 - PER_FALSE_ALARM * self.false_per_min
 
 
 @cache
@@ -65,7 +67,8 @@ def drawn(trials: Trials) -> Drawn:
     false, seconds = (_times(len(alarms), 2) @ alarms).T
     return Drawn(
         _times(len(lifts), 0) @ lifts / max(len(lifts), 1),
-        (moved / np.maximum(of_moved, 1.0) + unmoved / np.maximum(of_unmoved, 1.0)) / 2.0,
+        moved / np.maximum(of_moved, 1.0),
+        unmoved / np.maximum(of_unmoved, 1.0),
         60.0 * false / np.maximum(seconds, 1e-9),
     )
 

@@ -15,7 +15,7 @@ from detector.decision import RuleSettings, cusum, fused
 from detector.loading import DETECTORS
 from detector.recordings import Recording, read
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, scored_samples, stream
-from detector.scores.figures import Figure, figure, samples_of
+from detector.scores.figures import Figure, samples_of
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
@@ -89,10 +89,9 @@ class Benchmark(msgspec.Struct, frozen=True):
         best = max(zip(within, curve, strict=True), key=lambda each: each[1].raw.value or 0.0)[0]
         others = self._tasks(config, best)[len(lifted[best]) :]
         whole = [*lifted[best], *self._lifts(name, others)]
-        figures = streams.score_streams(sets, own)
         return DetectorScores(
             detector=name, detector_hash=config.detector_hash(), rule=own,
-            figures=figures | lift_figures(lifted[own]) | tap_figures(taps[own]),
+            figures=streams.score_streams(sets, own),
             point=made(own, lifted[own]), best=made(best, whole),
             curve=sorted(map(_without_trials, curve), key=lambda p: p.threshold),
             causes=dict(Counter(sorted(row.cause for row in lifted[own]))), real=self._real(config),
@@ -229,7 +228,8 @@ def point(
     )
     return Point(
         threshold=level, score=interval(scores(trials, silence, oracle)),
-        raw=interval(measures.raw), lifts=interval(measures.lifts), taps=interval(measures.taps),
+        raw=interval(measures.raw), lifts=interval(measures.lifts),
+        moved=interval(measures.moved), unmoved=interval(measures.unmoved),
         false_per_min=interval(measures.false_per_min), delay_p50_ms=_finite(delays, 0.5),
         delay_p90_ms=_finite(delays, 0.9), trials=trials,
     )  # fmt: skip
@@ -250,37 +250,6 @@ def by_hand(taps: Sequence[Tap]) -> list[list[Tap]]:
 def _finite(ordered: Sequence[float], share: float) -> float | None:
     value = quantile(ordered, share) if ordered else math.inf
     return value if math.isfinite(value) else None
-
-
-def _mean(units: Sequence[Sequence[float]]) -> float | None:
-    every = [each for unit in units for each in unit]
-    return sum(every) / len(every) if every else None
-
-
-def lift_figures(rows: Sequence[LiftRow]) -> dict[str, Figure]:
-    """Figures of the lifts with a weak grip."""
-    weak = [row for row in rows if row.weak]
-    slips = sorted(row.slip_mm for row in weak if row.slip_mm is not None)
-    return {
-        "weak_smooth": figure(_mean, [[row.quality] for row in weak if row.smooth]),
-        "weak_rough": figure(_mean, [[row.quality] for row in weak if not row.smooth]),
-        "slip_p50_mm": Figure(_finite(slips, 0.5)), "slip_p90_mm": Figure(_finite(slips, 0.9)),
-    }  # fmt: skip
-
-
-def tap_figures(taps: Sequence[Tap]) -> dict[str, Figure]:
-    """Figures of the taps that moved the object, and of those that did not."""
-    moved = [tap for tap in taps if tap.moved]
-    unmoved = [tap for tap in taps if not tap.moved]
-
-    def quality(chosen: Sequence[Tap]) -> Figure:
-        return figure(_mean, [[t.quality for t in hand] for hand in by_hand(chosen)])
-
-    return {
-        "moved": Figure(len(moved)), "unmoved": Figure(len(unmoved)),
-        "answered": quality(moved),
-        "unanswered": quality(unmoved),
-    }  # fmt: skip
 
 
 def cost(config: LiftConfig, clock_ns: Callable[[], int] = time.thread_time_ns) -> float:

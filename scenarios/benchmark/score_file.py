@@ -43,7 +43,8 @@ class Point(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     score: Figure
     raw: Figure
     lifts: Figure  # mean quality
-    taps: Figure
+    moved: Figure  # of taps that moved the object
+    unmoved: Figure
     false_per_min: Figure
     delay_p50_ms: float | None  # from the onset of slip; None: more than half were missed
     delay_p90_ms: float | None

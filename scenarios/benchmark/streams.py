@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, registered_events
-from detector.recordings import MOVED_M, Recording, read
+from detector.recordings import MOVED_M, read
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
@@ -24,9 +24,6 @@ from detector.scores.evaluation import (
 from detector.scores.events import (
     MERGE_GAP_S,
     EventOutcomes,
-    delay_quantile_ms,
-    false_rate,
-    recall,
     score_events,
     slides_of,
     true_events,
@@ -37,14 +34,12 @@ from detector.scores.metrics import Floats, Labels
 from drivers.errors import UsageError
 from scenarios.acquire.datasets.build import Progress, build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
-from scenarios.benchmark.lifts import SMOOTH_M
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
 R = TypeVar("R")
-SLIDES = ("paper", "sliding")  # sets with slip of known onset
 TAPS, QUARTER = "mallet", 4  # set of taps; a quick run has a quarter of it
 LASTING_S, LOOKED_S = 0.2, 2.0  # after onset: where the status is looked at
 FAST_MPS = 0.01  # slides slower than that are not counted as lasting slip
@@ -58,7 +53,6 @@ class Tap(msgspec.Struct, frozen=True):
     """One tap by one rule. ``delay_ms``: of those that moved the object by 1 mm; else None."""
 
     recording: int
-    smooth: bool
     moved: bool
     quality: float  # from 0 to 1
     delay_ms: float | None
@@ -134,20 +128,13 @@ def stream_files(
 
 def score_streams(sets: dict[str, list[Streamed]], rule: RuleSettings) -> dict[str, Figure]:
     """Figures of a rule by name."""
-    judged = {name: [slide_outcomes(s, rule) for s in each] for name, each in sets.items()}
-    slides = [outcomes for name in SLIDES for outcomes in judged[name]]
-    every = [outcomes for each in judged.values() for outcomes in each]
-    parts = [scored_samples(s, rule) for s in sets["paper"]]
+    every = [slide_outcomes(s, rule) for each in sets.values() for s in each]
     return {
-        "auc": samples_of(parts).auc(),
-        "recall": figure(recall, slides),
-        "delay_p50_ms": figure(delay_quantile_ms, slides),
-        "delay_p90_ms": figure(partial(delay_quantile_ms, share=0.9), slides),
-        "false_per_min": figure(false_rate, every),
+        "auc": samples_of([scored_samples(s, rule) for s in sets["paper"]]).auc(),
         "lingering": figure(_lingering, every),  # share of the time without slip
         # share of lasting slip that is reported
         "sustained": figure(_reported, [_lasting(s, rule) for s in sets["sliding"]]),
-    }  # fmt: skip
+    }
 
 
 def slide_outcomes(s: Streamed, rule: RuleSettings) -> EventOutcomes:
@@ -172,12 +159,6 @@ def _lingering(outcomes: Sequence[EventOutcomes]) -> float | None:
 
 
 # Slip that lasts
-
-
-def is_smooth(recording: Recording) -> bool:
-    """Whether the held object is smoother than SMOOTH_M."""
-    known = recording.metadata.object if recording.metadata else {}
-    return float(known.get("texture_rms_m", 1.0)) < SMOOTH_M  # type: ignore[arg-type]
 
 
 def registered(s: Streamed, rule: RuleSettings) -> Labels:
@@ -225,16 +206,14 @@ def score_taps(streams: Sequence[Streamed], rule: RuleSettings) -> list[Tap]:
             moved = tap.moved_m >= MOVED_M
             fails = on[last] if moved else on[tap.start : tap.end].any()
             quality = 0.0 if fails else _promptness(delay_ms) if moved else 1.0
-            taps.append(Tap(number, is_smooth(s.recording), moved, quality,
-                            delay_ms if moved else None))  # fmt: skip
+            taps.append(Tap(number, moved, quality, delay_ms if moved else None))  # fmt: skip
     return taps
 
 
 def oracle_taps(streams: Sequence[Streamed], delay_ms: float) -> list[Tap]:
     """The same taps, with slip registered that long after the first motion and never without."""
     return [
-        Tap(number, is_smooth(s.recording), moved, _promptness(delay_ms) if moved else 1.0,
-            delay_ms if moved else None)
+        Tap(number, moved, _promptness(delay_ms) if moved else 1.0, delay_ms if moved else None)
         for number, s in enumerate(streams) for tap in _impacts(s)
         for moved in [tap.moved_m >= MOVED_M]
     ]  # fmt: skip

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -52,23 +51,22 @@ def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
     captured = capsys.readouterr()
     heading, row, oracle, silence, *_ = captured.out.splitlines()
     assert heading.split()[:2] == ["detector", "score"] and "AUC, clip.npz" in heading
-    assert row.startswith("energy, own rule and best threshold 0.")
+    assert row.startswith("1. energy own rule and best threshold 0.")
     assert oracle.split()[:2] == ["oracle", "100.0"] and silence.split()[2] == "0.0"
     assert "energy: of 8 lifts" in captured.out and "0 of 0 resolved pairs" in captured.out
     assert "energy, lifts: 8 of 8, 0 s left" in captured.err
     assert benchmark(*words, str(tmp_path / "two"), "--json") == 0
     shown = json.loads(capsys.readouterr().out)
-    assert shown["cost"]["energy"]["update_us"] > 0.0
+    assert shown["update_us"]["energy"] > 0.0
     first, second = ((tmp_path / each / SCORES).read_bytes() for each in ("one", "two"))
     assert first == second
     page = (tmp_path / "one" / SCORES).with_suffix(".html")
-    assert page.with_suffix(".svg").exists() == bool(find_spec("matplotlib"))
+    assert "score (0: never registers" in page.with_suffix(".svg").read_text()
     text = page.read_text()
     for expected in (
         "<h1>energy, own rule and",
         "Everything is simulated",
-        "AUC on clip.npz",
-        "split test: ",
+        "AUC, clip.npz",
     ):
         assert expected in text
     assert main(["report", str(page.parent)]) == 0
@@ -82,7 +80,7 @@ def test_what_was_missed_or_not_measured_is_said_in_words(
     assert benchmark(silent, "--out", str(tmp_path)) == 0
     path = tmp_path / SCORES
     text = score_page(path)
-    assert "never / never" in text and "Not given" in text and "None" not in text
+    assert "never / never" in text and "None" not in text
     path.with_name("cost.json").write_text("{")
     assert "–" in score_page(path)
     path.write_text(path.read_text().replace('"validation"', '"other"'))
@@ -107,12 +105,12 @@ def test_an_interrupted_benchmark_continues_with_the_detectors_that_are_missing(
     monkeypatch.setattr(run.Benchmark, "detector", interrupted)
     words = ("energy", "psd", "--out", str(tmp_path))
     assert benchmark(*words) == 130
-    assert f"; 1 of 2 detectors are in {tmp_path / SCORES}" in capsys.readouterr().err
+    assert f"were measured are in {tmp_path / SCORES}" in capsys.readouterr().err
     assert measured(tmp_path) == ["energy"]
     stop.clear()
     assert benchmark(*words) == 0
     assert begun == ["energy", "psd"] and measured(tmp_path) == begun
-    assert "energy: already in " in capsys.readouterr().err
+    assert "energy is already in " in capsys.readouterr().err
 
 
 def measured(folder: Path) -> list[str]:
