@@ -47,10 +47,10 @@ def _part(name: str) -> str:
 
 
 def palette(name: str) -> str:
-    """A colour of the pages' light scheme, such as ``finger0`` or ``limit``, as #rrggbb; raises
+    """A colour of the pages' light scheme, such as ``finger0`` or ``limit``; raises
     KeyError for another name."""
     light, _, _ = _part("page.css").partition("@media")
-    colours: dict[str, str] = dict(re.findall(r"--(\w+): (#\w{6})", light))
+    colours: dict[str, str] = dict(re.findall(r"--(\w+): ([^;]+)", light))
     return colours[name]
 
 
@@ -68,6 +68,7 @@ def _templates() -> Environment:
 
 # Plots, which the template `table.html` draws as SVG without scripts
 
+OF_PLOTS = (".chart", ".s0", ".soft", ".limit")  # begin the lines of their style
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
 
@@ -143,8 +144,10 @@ class Plot(msgspec.Struct, frozen=True):
 
 
 def plot_svg(plot: Plot) -> str:
-    """The plot as an SVG file."""
-    return _templates().get_template("plot.svg").render(it=plot, style=Markup(_part("page.css")))
+    """The plot as an SVG file, in colours that need no style sheet."""
+    lines = [line for line in _part("page.css").splitlines() if line.startswith(OF_PLOTS)]
+    style = re.sub(r"var\(--(\w+)\)", lambda name: palette(name[1]), "\n".join(lines))
+    return _templates().get_template("plot.svg").render(it=plot, style=Markup(style))
 
 
 # Tables

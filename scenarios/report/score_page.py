@@ -35,7 +35,7 @@ from scenarios.report.run_view import in_words
 
 SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
 DELAY = "median delay, ms (grey: later or never)"
-SCORE_AXIS = "score (0: never registers, 100: oracle)"
+SCORE_AXIS = "score (0: silence, 100: oracle)"
 MEANING = (
     "The score is 0 for a detector that never registers slip and 100 for an oracle that registers "
     "it at once. It counts lifts, priced by the millimetre of slip, and taps, priced by the "
@@ -153,7 +153,7 @@ def _plot(file: ScoreFile) -> Plot:
     return Plot(
         "Score of slip detectors over their delay", Axis(DELAY, 0.0, END_MS),
         Axis(SCORE_AXIS, 10.0 * math.floor(lowest / 10.0), 100.0), curves, [(SHOWN_MS, END_MS)],
-        "line: thresholds; dot: own rule; ring: best threshold; numbers: ranks",
+        "dot: own rule; ring: best threshold; line: others; number: rank",
     )  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
     first, second = ((tmp_path / each / SCORES).read_bytes() for each in ("one", "two"))
     assert first == second
     page = (tmp_path / "one" / SCORES).with_suffix(".html")
-    assert "score (0: never registers" in page.with_suffix(".svg").read_text()
+    assert "score (0: silence" in page.with_suffix(".svg").read_text()
     text = page.read_text()
     for expected in (
         "<h1>energy, own rule and",
