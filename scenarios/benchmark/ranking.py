@@ -11,7 +11,7 @@ OWN, BEST = "own rule", "best threshold"
 
 class Row(msgspec.Struct, frozen=True):
     """A detector with its own rule or its best threshold. ``behind``: score of the first less its
-    own; undefined in the first."""
+    own, paired."""
 
     of: DetectorScores
     point: Point
@@ -25,13 +25,9 @@ class Row(msgspec.Struct, frozen=True):
 
 def ranked(file: ScoreFile) -> list[Row]:
     """All rows of a benchmark, the best first."""
-    rows = [(d, p) for d in file.detectors for p in d.rows]
-    rows.sort(key=lambda row: -(row[1].score.value or 0.0))
-    made: list[Row] = []
-    for each, point in rows:
-        behind = Figure(None) if not made else difference(file, made[0].point, point)
-        made.append(Row(each, point, _note(each, point), behind))
-    return made
+    rows = [(d, p, scores(p.trials, *file.ends)) for d in file.detectors for p in d.rows]
+    rows.sort(key=lambda row: -row[2][0])
+    return [Row(d, p, _note(d, p), interval(rows[0][2] - drawn)) for d, p, drawn in rows]
 
 
 def _note(each: DetectorScores, p: Point) -> str:
@@ -42,17 +38,6 @@ def _note(each: DetectorScores, p: Point) -> str:
         note = f"{OWN} and {note}"
     rate = p.false_per_min.value or 0.0
     return note if rate <= BUDGET_PER_MIN else f"{note} (above {BUDGET_PER_MIN:g} false alarm/min)"
-
-
-def difference(file: ScoreFile, one: Point, other: Point) -> Figure:
-    """Score of one row less that of another, paired."""
-    a, b = (scores(p.trials, *file.ends) for p in (one, other))
-    return interval(a - b)
-
-
-def runner_up(rows: list[Row]) -> Row | None:
-    """The best row of another detector than the first's."""
-    return next((row for row in rows if row.of is not rows[0].of), None)
 
 
 def halves(file: ScoreFile) -> str:

@@ -6,10 +6,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from detector.decision import RuleSettings, cusum, fused
 from detector.loading import DETECTORS
@@ -93,7 +95,7 @@ class Benchmark(msgspec.Struct, frozen=True):
             detector=name, detector_hash=config.detector_hash(), rule=own,
             figures=streams.score_streams(sets, own),
             point=made(own, lifted[own]), best=made(best, whole),
-            curve=sorted(map(_without_trials, curve), key=lambda p: p.threshold),
+            curve=[replace(each, trials=NO_TRIALS) for each in curve],
             causes=dict(Counter(sorted(row.cause for row in lifted[own]))), real=self._real(config),
         )  # fmt: skip
 
@@ -106,10 +108,10 @@ class Benchmark(msgspec.Struct, frozen=True):
                 return kept
         none = np.empty((0, FINGERS))
         taps = [Streamed(read(file), none, none) for file in self.recordings[TAPS]]
-        base = msgspec.structs.replace(config, rule=lifts.ORACLE_RULE)
+        base = replace(config, rule=lifts.ORACLE_RULE)
         numbers = {NEVER_S: self.lifts, **dict.fromkeys(ORACLE_S, self.tried), 0.0: self.lifts}
         rows = iter(self._lifts("oracle", [
-            msgspec.structs.replace(task, oracle_s=delay_s)
+            replace(task, oracle_s=delay_s)
             for delay_s, number in numbers.items() for task in self._tasks(base, base.rule)[:number]
         ]))  # fmt: skip
         tried = {
@@ -125,7 +127,7 @@ class Benchmark(msgspec.Struct, frozen=True):
     def _tasks(self, config: LiftConfig, rule: RuleSettings) -> list[LiftTask]:
         """The lifts of a detector with that rule."""
         checked = CHECKED if config.detector_label in DETECTORS else self.lifts
-        config = msgspec.structs.replace(config, rule=rule)
+        config = replace(config, rule=rule)
         return lifts.tasks(config, self.split, checked)[: self.lifts]
 
     def _lifts(self, name: str, tasks: Sequence[LiftTask]) -> list[LiftRow]:
@@ -176,8 +178,8 @@ def level(rule: RuleSettings) -> float:
 def at_level(rule: RuleSettings, value: float) -> RuleSettings:
     """The rule with that limit of a CUSUM, or threshold."""
     if rule.kind == "cusum":
-        return msgspec.structs.replace(rule, limit=value)
-    return msgspec.structs.replace(rule, threshold=value)
+        return replace(rule, limit=value)
+    return replace(rule, threshold=value)
 
 
 def curve_rules(sets: dict[str, list[Streamed]], rule: RuleSettings) -> list[RuleSettings]:
@@ -210,8 +212,9 @@ def within_budget(alarms: dict[RuleSettings, Alarms]) -> list[RuleSettings]:
 def trials_of(rows: Sequence[LiftRow], taps: Sequence[Tap], alarms: Alarms) -> Trials:
     """The qualities."""
     hands = []
-    for hand in by_hand(taps):
-        moved, unmoved = ([t.quality for t in hand if t.moved is m] for m in (True, False))
+    for _, hand in groupby(taps, lambda tap: tap.recording):
+        own = list(hand)
+        moved, unmoved = ([t.quality for t in own if t.moved is m] for m in (True, False))
         hands.append((round(sum(moved), 4), len(moved), round(sum(unmoved), 4), len(unmoved)))
     return Trials([round(row.quality, 4) for row in rows], hands, alarms)
 
@@ -233,18 +236,6 @@ def point(
         false_per_min=interval(measures.false_per_min), delay_p50_ms=_finite(delays, 0.5),
         delay_p90_ms=_finite(delays, 0.9), trials=trials,
     )  # fmt: skip
-
-
-def _without_trials(p: Point) -> Point:
-    return msgspec.structs.replace(p, trials=NO_TRIALS)
-
-
-def by_hand(taps: Sequence[Tap]) -> list[list[Tap]]:
-    """The taps of each recording, which share an object and a hand."""
-    of_hand: dict[int, list[Tap]] = {}
-    for tap in taps:
-        of_hand.setdefault(tap.recording, []).append(tap)
-    return list(of_hand.values())
 
 
 def _finite(ordered: Sequence[float], share: float) -> float | None:

@@ -9,7 +9,7 @@ from detector.decision import RuleSettings
 from detector.scores.figures import Figure
 from scenarios.benchmark.lifts import CRUSHED, LOST, MISSED, RIGHT
 from scenarios.benchmark.quality import BUDGET_PER_MIN, resolved
-from scenarios.benchmark.ranking import halves, ranked, runner_up
+from scenarios.benchmark.ranking import halves, ranked
 from scenarios.benchmark.score_file import (
     DetectorScores,
     Point,
@@ -56,12 +56,12 @@ def score_page(path: Path) -> str:
     sections = [
         Section("Result", [results_table(file, costs)], [_plot(file)]),
         *(topic.section(file.detectors) for topic in TOPICS),
-        Section("Run it again", hint=_origin(file), code=file.command),
+        Section("Run it again", code=file.command),
     ]  # fmt: skip
     return table_page(
         "benchmark", f"version {file.source.version} · split {file.source.split}"
         + " · quick: not comparable with a full run" * file.source.quick,
-        sentence(file), sections, remarks=[MEANING, SIMULATED],
+        sentence(file), sections, [MEANING, SIMULATED], [_origin(file)],
     )  # fmt: skip
 
 
@@ -89,7 +89,8 @@ def _evaluation_page(file: ScoreFile) -> str:
 def sentence(file: ScoreFile) -> str:
     """The best row, and whether it is better than the best row of another detector."""
     rows = ranked(file)
-    first, second = rows[0], runner_up(rows)
+    first = rows[0]
+    second = next((row for row in rows if row.of is not first.of), None)
     text = f"{first.name}: score {percent(first.point.score)} {between(first.point.score)}"
     if second is None:
         return f"{text}."
