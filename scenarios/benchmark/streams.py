@@ -15,19 +15,8 @@ import numpy as np
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import MOVED_M, read
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Streamed,
-    scored_samples,
-    stream,
-)
-from detector.scores.events import (
-    MERGE_GAP_S,
-    EventOutcomes,
-    score_events,
-    slides_of,
-    true_events,
-)
+from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, scored_samples, stream
+from detector.scores.events import MERGE_GAP_S, EventOutcomes, score_events, slides_of, true_events
 from detector.scores.figures import Figure, figure, samples_of
 from detector.scores.impacts import Impact, impact_delays, impacts_of
 from detector.scores.metrics import Floats, Labels

@@ -74,19 +74,15 @@ TICKS = 5
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """An axis from ``low`` to ``high``; values outside are drawn at its ends. ``log``:
-    logarithmic."""
+    """An axis from ``low`` to ``high``; values outside are drawn at its ends."""
 
     label: str
     low: float
     high: float
-    log: bool = False
 
     def share(self, value: float) -> float:
         """Position of a value, from 0 at ``low`` to 1 at ``high``."""
         inside = min(max(value, self.low), self.high)
-        if self.log:
-            return math.log(inside / self.low) / math.log(self.high / self.low)
         return (inside - self.low) / (self.high - self.low)
 
     def x(self, value: float) -> float:
@@ -96,10 +92,7 @@ class Axis(msgspec.Struct, frozen=True):
         return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
 
     def ticks(self) -> list[float]:
-        """About five round numbers, or the powers of ten."""
-        if self.log:
-            first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
-            return [10.0**i for i in range(first, last + 1)]
+        """About five round numbers."""
         rough = (self.high - self.low) / TICKS
         unit = 10.0 ** math.floor(math.log10(rough))
         step = next(m * unit for m in (1.0, 2.0, 5.0, 10.0) if m * unit >= rough * 0.999)
