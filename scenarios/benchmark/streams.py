@@ -5,6 +5,7 @@ then scored from its output. An interval is over recordings, each of which has i
 and texture.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from detector.recordings import MOVED_M, read
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, scored_samples, stream
 from detector.scores.events import MERGE_GAP_S, EventOutcomes, score_events, slides_of, true_events
 from detector.scores.figures import Figure, figure, samples_of
-from detector.scores.impacts import Impact, impact_delays, impacts_of
+from detector.scores.impacts import WATCHED_S, Impact, impact_delays, impacts_of
 from detector.scores.metrics import Floats, Labels
 from drivers.errors import UsageError
 from scenarios.acquire.datasets.build import Progress, build
@@ -201,6 +202,7 @@ def score_taps(streams: Sequence[Streamed], rule: RuleSettings) -> list[Tap]:
 
 def oracle_taps(streams: Sequence[Streamed], delay_ms: float) -> list[Tap]:
     """The same taps, with slip registered that long after the first motion and never without."""
+    delay_ms = delay_ms if delay_ms < 1e3 * WATCHED_S else math.inf
     return [
         Tap(number, moved, _promptness(delay_ms) if moved else 1.0, delay_ms if moved else None)
         for number, s in enumerate(streams) for tap in _impacts(s)
