@@ -14,9 +14,9 @@ import msgspec
 
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
-from scenarios.benchmark.score_file import Cost, ScoreFile
+from scenarios.benchmark.score_file import read_scores
 from scenarios.campaign.summary import wilson
-from scenarios.report.score_chart import draw_scores
+from scenarios.report.score_page import score_svg
 from studies import difficulty_sweep, physics_levels
 from studies.runner import Study, draw, markdown
 
@@ -234,21 +234,14 @@ def spread(row: Row) -> str:
     return high if row.low is None else f"{number(row, row.low)}\N{EN DASH}{high}"
 
 
-class Scored(msgspec.Struct, frozen=True):
-    """What the chart of the benchmark needs."""
-
-    file: ScoreFile
-    costs: dict[str, Cost]
-
-
 def charts(kept: Kept) -> None:
     """Draw the charts of the parts that are there."""
     scores, lifts, points = (
         kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )
     if scores.exists():
-        scored = msgspec.json.decode(scores.read_bytes(), type=Scored)
-        draw_scores(scored.file, scored.costs, kept.figures / "benchmark.svg")
+        chart = score_svg(read_scores(scores)[0])
+        write_whole(kept.figures / "benchmark.svg", chart.encode())
     if points.exists():
         costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])
         _draw(physics_levels.chart, costs, kept.figures / "contact.svg", (11.0, 5.5))

@@ -65,7 +65,7 @@ def test_evaluation_file_is_read_back_and_another_file_is_refused(tmp_path: Path
     for other in (
         b'{"format": "something"}',
         msgspec.json.encode(msgspec.structs.replace(file, detectors=[])),
-        whole.replace(b'"probabilities": [', b'"probabilities": [0.5,'),
+        whole.replace(b'"probabilities":[', b'"probabilities":[0.5,'),
     ):
         path.write_bytes(other)
         with pytest.raises(BadFile, match="is no file of scores"):
