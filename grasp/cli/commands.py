@@ -243,6 +243,8 @@ class DatasetImportOptions(DatasetOptions, command="dataset import",
         "numbers, with commas (default: all but time and label)"] = ""
     taxels: Annotated[int, "N", "of a fingertip", whole(1, 100)] = 6
     sign: Annotated[Literal["negative", "positive"], "of a press"] = "negative"
+    scale: Annotated[float | None, "N", "counts per unit of the pressures, such as 8 for kPa "
+        "(default: 1)", decimal(1e-9, 1e9)] = None
     rest_seconds: Annotated[float, "N", "subtract the median of the first seconds",
         decimal(0, 3600, "s")] = 0.0
     labels: Annotated[Path | None, "FILE",

@@ -9,10 +9,18 @@ from pathlib import Path
 
 import msgspec
 
-from detector.recordings import INDEX, SAMPLES, SUFFIX, Recording, Split, read, read_dataset
+from detector.recordings import (
+    INDEX,
+    RECORDINGS,
+    SAMPLES,
+    Recording,
+    Split,
+    read,
+    read_dataset,
+    recordings_in,
+)
 from drivers.errors import BadFile, UsageError
 
-RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 CONTINUE = "`grasp dataset build` continues it"
 Report = Callable[[str], None]
 
@@ -55,12 +63,12 @@ def _incomplete(folder: Path) -> str:
 
 
 def read_labelled(path: Path) -> list[Recording]:
-    """Recordings of a labelled file or of the folder of an acquisition. Raises BadFile, and
-    UsageError for recordings without labels."""
+    """Recordings of a labelled file, of the folder of an acquisition or of recordings. Raises
+    BadFile, and UsageError for recordings without labels."""
     if not path.is_dir():
         require_labelled(path)
         return [read(path)]
-    if found := sorted(path.glob(SAMPLES)):
+    if found := recordings_in(path):
         return [read(file) for file in found]
     raise UsageError(
         f"{path} has no labelled samples",

@@ -16,7 +16,18 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import INDEX, SAMPLES, SUFFIX, Metadata, Recording, Split, read, write
+from detector.recordings import (
+    IMPORTED,
+    INDEX,
+    SUFFIX,
+    Metadata,
+    Recording,
+    Split,
+    read,
+    read_dataset,
+    recordings_in,
+    write,
+)
 from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
@@ -207,6 +218,27 @@ def assign_splits(kinds: Sequence[str]) -> list[Split]:
     return splits
 
 
+def training_splits(folder: Path, report: Callable[[str], None]) -> dict[Split, list[Recording]]:
+    """Recordings of a data set for training and validation. A folder of imports, which have no
+    split, is divided as by ``collect``; ``report`` gets a line then.
+
+    Raises BadFile as ``read_dataset``, and for fewer than three imports.
+    """
+    recordings = read_dataset(folder)
+    known = [r.metadata for r in recordings]
+    if not all(m and m.cause == IMPORTED and m.split == "test" for m in known):
+        return {split: read_dataset(folder, split) for split in SPLIT_CYCLE[:2]}
+    if len(recordings) < MIN_RECORDINGS:
+        raise BadFile(folder, f"{len(recordings)} recordings are too few to divide",
+                      f"import at least {MIN_RECORDINGS}")  # fmt: skip
+    divided: dict[Split, list[Recording]] = {split: [] for split in SPLIT_CYCLE}
+    for each, split in zip(recordings, assign_splits([""] * len(recordings)), strict=True):
+        divided[split].append(each)
+    counts = ", ".join(f"{len(part)} for {split}" for split, part in divided.items())
+    report(f"{folder}: {counts}; `grasp dataset collect {folder} --out SET` keeps that division")
+    return divided
+
+
 def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[str]]:
     present = set(zip(kinds, splits, strict=True))
     every, three = sorted(set(kinds)), SPLIT_CYCLE[:MIN_RECORDINGS]
@@ -227,9 +259,10 @@ def _files(source: Path) -> list[Path]:
         raise BadFile(source, "no such file or folder", "check the path")
     if not source.is_dir():
         return [source]
-    found = sorted(source.glob(SAMPLES))
+    found = recordings_in(source)
     if not found:
-        raise UsageError(f"{source} has no labelled samples", "give folders of `grasp run acquire`")
+        raise UsageError(f"{source} has no labelled samples", "give folders of `grasp run acquire` "
+                         "or `grasp dataset import`")  # fmt: skip
     return found
 
 
