@@ -14,7 +14,7 @@ import msgspec
 
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
-from scenarios.benchmark.score_file import Cost, ScoreFile
+from scenarios.benchmark.score_file import ScoresWithCosts
 from scenarios.campaign.summary import wilson
 from scenarios.report.score_chart import draw_scores
 from studies import difficulty_sweep, physics_levels
@@ -234,20 +234,13 @@ def spread(row: Row) -> str:
     return high if row.low is None else f"{number(row, row.low)}\N{EN DASH}{high}"
 
 
-class Scored(msgspec.Struct, frozen=True):
-    """What the chart of the benchmark needs."""
-
-    file: ScoreFile
-    costs: dict[str, Cost]
-
-
 def charts(kept: Kept) -> None:
     """Draw the charts of the parts that are there."""
     scores, lifts, points = (
         kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )
     if scores.exists():
-        scored = msgspec.json.decode(scores.read_bytes(), type=Scored)
+        scored = msgspec.json.decode(scores.read_bytes(), type=ScoresWithCosts)
         draw_scores(scored.file, scored.costs, kept.figures / "benchmark.svg")
     if points.exists():
         costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])

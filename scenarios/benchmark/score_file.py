@@ -111,6 +111,13 @@ class ScoreFile(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag
     oracle: list[Point] = []
 
 
+class ScoresWithCosts(msgspec.Struct, frozen=True):
+    """A file of scores with the costs in it, as `python -m studies results` keeps it."""
+
+    file: ScoreFile
+    costs: dict[str, Cost]
+
+
 def write_scores(path: Path, file: ScoreFile) -> None:
     """Write the file. Raises OSError."""
     write_whole(path, msgspec.json.format(msgspec.json.encode(file), indent=1), private=True)
@@ -119,8 +126,12 @@ def write_scores(path: Path, file: ScoreFile) -> None:
 def read_scores(path: Path) -> tuple[ScoreFile, dict[str, Cost]]:
     """A file of scores, and the costs of its detectors if they are beside a benchmark. Raises
     BadFile and OSError."""
+    content = path.read_bytes()
+    with suppress(msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        both = msgspec.json.decode(content, type=ScoresWithCosts)
+        return both.file, both.costs
     try:
-        found = msgspec.json.decode(path.read_bytes(), type=ScoreFile)
+        found = msgspec.json.decode(content, type=ScoreFile)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadFile(path, f"is no file of scores: {error}", REMEDY) from None
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):

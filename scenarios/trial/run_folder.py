@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -25,6 +25,7 @@ from scenarios.trial.foxglove import ViewerMessages
 from scenarios.trial.result import REPORT, Bug, Failure, JudgedTrial, ResultT, versions
 from scenarios.world.truth import Truth
 
+WrittenT = TypeVar("WrittenT", bound=msgspec.Struct)  # with `started`
 RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
@@ -37,6 +38,12 @@ def find_recording(path: Path) -> Path:
     if not path.exists() and (RUNS / path).is_dir():
         path = RUNS / path
     return path / RECORDING if path.is_dir() else path
+
+
+class _Started(msgspec.Struct):
+    """What ``run_order`` reads of a result."""
+
+    started: str | None = None
 
 
 class _Start(msgspec.Struct):
@@ -64,9 +71,17 @@ def last_start(arm: str, run: Path | None) -> tuple[Path, Vector3]:
 
 
 def newest(name: str) -> list[Path]:
-    """Folders of the default folder that hold a file of that name, the newest file first."""
-    found = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{name}")]
-    return [folder for _, folder in sorted(found, reverse=True)]
+    """Folders of the default folder that hold a file of that name, the last run first: by the time
+    in its result, which no copy and no time zone changes."""
+    return sorted((path.parent for path in RUNS.glob(f"*/{name}")), key=run_order, reverse=True)
+
+
+def run_order(folder: Path) -> tuple[str, str]:
+    """Sorting key of a run: when it started, which results of old versions lack, and its name."""
+    started = None
+    with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        started = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Started).started
+    return started or "", folder.name
 
 
 def open_trial(path: Path) -> RunRecording:
@@ -87,6 +102,7 @@ class RunFolder:
     def __init__(self, runs: Path, name: str, channels: Channels, known: Mapping[str, str]) -> None:
         """Make `runs/<stamp>-<name>/`; ``known``: metadata of the recording. Raises
         CouldNotRecord."""
+        self._started = datetime.now(UTC).isoformat(timespec="milliseconds")
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
         self.write = self._recorder.write  # without a call in between, at every message
@@ -103,8 +119,10 @@ class RunFolder:
     def recording(self) -> Path:
         return self.path / RECORDING
 
-    def finish(self, result: msgspec.Struct) -> None:
-        """Close the recording and write the result; on CouldNotRecord both are removed."""
+    def finish(self, result: WrittenT) -> WrittenT:
+        """Close the recording and write the result, which it returns with its time; on
+        CouldNotRecord both are removed."""
+        result = msgspec.structs.replace(result, started=self._started)
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
@@ -116,6 +134,7 @@ class RunFolder:
         if failure is not None:
             self._remove()
             raise could_not_record(self.path, failure)
+        return result
 
     def abandon(self) -> None:
         """End without a result: keep what was recorded, remove a folder without messages."""
@@ -218,7 +237,7 @@ class Record:
             result = judge()
             failure = trial.failure(self._config)
             if self._folder is not None:
-                self._folder.finish(result)
+                result = self._folder.finish(result)
             return JudgedTrial(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)

@@ -6,7 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.wire.lab import CONFIRMED, HARDWARE, PATIENCE_S, Lab, emulate, sets, started, until
+from tests.wire.lab import (
+    ALONE,
+    CONFIRMED,
+    HARDWARE,
+    PATIENCE_S,
+    Lab,
+    emulate,
+    sets,
+    started,
+    until,
+)
 
 
 def test_ctrl_c_stops_the_activation_and_leaves_the_hand_inactive(tmp_path: Path) -> None:
@@ -30,7 +40,7 @@ def test_frozen_or_ended_devices_are_all_named_and_the_result_is_written(
         assert cell.stdout is not None
         lab = Lab(json.loads(cell.stdout.readline()), tmp_path)
         lab.activate_hand()
-        arguments = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path / "runs"))
+        arguments = ("run", "lift", *HARDWARE, *CONFIRMED, *ALONE, "--runs", str(tmp_path / "runs"))
         with lab.started(*arguments, *sets()) as run:
             assert run.stdout is not None
             assert any("lift" in line.split() for line in run.stdout)

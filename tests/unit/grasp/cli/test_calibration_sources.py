@@ -31,7 +31,8 @@ def output(
     """Lines about sources that a run prints before it opens a device."""
     started: list[Any] = []
     monkeypatch.setattr(trials, "run_trials", lambda *arguments: started.append(arguments) or 0)
-    typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
+    typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--unattended",
+             "--config", "lab.toml"]  # fmt: skip
     assert main([*typed, *words]) == 0
     assert started
     lines = capsys.readouterr().err.splitlines()
