@@ -26,7 +26,6 @@ SUFFIX = ".npz"
 INDEX = "dataset.json"  # of a data set
 SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition
 RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
-IMPORTED = "imported"  # cause of a recording of `grasp dataset import`
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
@@ -163,7 +162,7 @@ def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
         partial.unlink(missing_ok=True)
 
 
-def recordings_in(folder: Path) -> list[Path]:
+def files_in(folder: Path) -> list[Path]:
     """Files of labelled samples in the folder of an acquisition, else of all recordings in it."""
     return sorted(folder.glob(SAMPLES)) or sorted(folder.glob(RECORDINGS))
 
@@ -176,7 +175,7 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     for path in sorted(folder.rglob(RECORDINGS)):
         recording = read(path)
         if split is not None and recording.metadata is None:
-            raise BadFile(path, "belongs to no split", "write it with metadata")
+            raise BadFile(path, "belongs to no split", "`grasp dataset collect` gives it one")
         if split is None or (recording.metadata and recording.metadata.split == split):
             recordings.append(recording)
     if not recordings:

@@ -178,17 +178,18 @@ def _check_files(args: TrainOptions, out: Path, checkpoint: Path) -> None:
 
 def _prepare(args: TrainOptions) -> "tuple[Training, list[Recording]]":
     require_whole(args.data)  # before torch, which takes seconds
+    from detector.recordings import read_dataset
     from detector.training.fit import Training
     from detector.training.sequences import digest
     from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
-    from scenarios.acquire.datasets.build import training_splits
+    from scenarios.acquire.datasets.build import divided
 
     learnt: list[Recording] = []
     validation: list[Recording] = []
     for folder in args.data:
-        splits = training_splits(folder, exits.print_detail)
-        learnt += splits["train"]
-        validation += splits["validation"]
+        own = divided(folder, exits.print_detail)
+        learnt += own["train"] if own else read_dataset(folder, "train")
+        validation += own["validation"] if own else read_dataset(folder, "validation")
     given = {name: getattr(args, name) for name in SETTINGS if getattr(args, name) is not None}
     if args.windows:
         given = WINDOWS | given

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from detector.recordings import (
     COUNTS_LIMIT,
     GAP_PERIODS,
-    IMPORTED,
     LABEL,
     MAX_MISSED,
     UNITS,
@@ -26,7 +25,7 @@ from detector.recordings import (
     check_rate,
     check_unit,
 )
-from detector.text_table import DECIMAL_COMMA, TextTable, read_table
+from detector.text_table import DECIMAL_COMMA, read_table
 from drivers.errors import BadFile
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
 from grasp.settings import suggestion
@@ -36,10 +35,7 @@ LABEL_NAMES = (LABEL, "label")
 NUMBER, RANGE = re.compile(r"[0-9]{1,6}"), re.compile(r"([0-9]{1,6})-([0-9]{1,6})")
 LOST = ("", "nan", "na", "n/a", "null", "none", "[]")  # cells of a lost sample, in lower case
 ISO = "ISO 8601"
-TIME_ALLOWED = (
-    "a time must be a number or a time stamp such as 2026-01-31T10:15:00.010; without times give "
-    "--rate HZ"
-)
+TIME = "it must be a number or a stamp as 2026-01-31T10:15:00.010; without times give --rate HZ"
 LEAST_SPAN = 20.0  # of pressures that are no whole numbers, in counts: less is lost by rounding
 KPA_SCALE = 8  # counts per kPa of the kit's barometers
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
@@ -134,7 +130,7 @@ class Table(msgspec.Struct, frozen=True, eq=False):
         """Unit and times (n,), s, of a column of numbers or of time stamps. Raises BadFile where
         they do not increase."""
         if _stamp_s(self.columns[name][0]) is None:
-            t_s = self.numbers(name, TIME_ALLOWED) / UNITS.get(unit, 1.0)
+            t_s = self.numbers(name, TIME) / UNITS.get(unit, 1.0)
         else:
             unit, stamps = ISO, [_stamp_s(cell) for cell in self.columns[name]]
             if None in stamps:
@@ -156,7 +152,8 @@ def read_foreign(path: Path) -> Table:
     of its values. Raises BadFile."""
     text = read_table(path, empty_rows=True)
     if commas := text.decimal_comma() is not None:
-        text = _with_points(text)
+        points = [[_with_point(cell) for cell in row] for row in text.rows]
+        text = msgspec.structs.replace(text, rows=points)
     headed = bool(text.rows) and not any(_values(cell) for cell in text.rows[0])
     cells = text.columns(1 if headed else 0)
     lines = text.lines[1 if headed else 0 :]
@@ -181,11 +178,8 @@ def read_foreign(path: Path) -> Table:
     return Table(str(path), columns, lines, commas)
 
 
-def _with_points(text: TextTable) -> TextTable:
-    """The table with decimal points for decimal commas."""
-    rows = [[c.replace(",", ".") if "," in c and DECIMAL_COMMA.fullmatch(c) else c for c in row]
-            for row in text.rows]  # fmt: skip
-    return msgspec.structs.replace(text, rows=rows)
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if "," in cell and DECIMAL_COMMA.fullmatch(cell) else cell
 
 
 def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, list[str]]:
@@ -204,7 +198,9 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
         table = table.without(lost)
         changes.append(f"lost samples: {lost.sum()}, which lack a value; left out")
     if options.rate_hz is None:
-        times_s = _times(table, time, options.unit, changes)
+        unit, times_s = table.times(time, options.unit)
+        _check_unit(times_s, unit, table.source)
+        changes.append(f"time: {time}, in {unit}, {table.columns[time][0]} subtracted")
         t_s = times_s - times_s[0]
     else:
         times_s = t_s = np.flatnonzero(~lost) / options.rate_hz
@@ -238,22 +234,15 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
                       f"+-{COUNTS_LIMIT}", "subtract rest with --rest-seconds, choose the "
                       "pressures with --columns, or give a smaller --scale")  # fmt: skip
     counts = whole.astype(np.int16).reshape(len(t_s), fingers, options.taxels)
-    metadata = _metadata(path, options.labels, changes)
+    files = [path, *([options.labels] if options.labels else [])]
+    metadata = Metadata(
+        set="slide", split="test", surface="own", motion="none", speed_mps=0.0, spin_radps=0.0,
+        direction="", seed=0, cause="imported", changes=tuple(changes),
+        files={f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files},
+    )  # fmt: skip
     known = np.zeros(len(t_s), np.bool_) if slip is None else slip
     made = Recording(t_s, counts, known, None, str(path), metadata, labelled=slip is not None)
     return made, changes
-
-
-def _times(table: Table, column: str, unit: str, changes: list[str]) -> Floats:
-    """Times (n,) of a column, s. Raises BadFile."""
-    used, t_s = table.times(column, unit)
-    if used == ISO:
-        start = table.columns[column][0]
-    else:
-        _check_unit(t_s, unit, table.source)
-        start = f"{t_s[0]:.12g} s"
-    changes.append(f"time: {column}, in {used}, {start} subtracted")
-    return t_s
 
 
 def _rest(source: str, t_s: Floats, values: Floats, rest_s: float, changes: list[str]) -> Floats:
@@ -266,16 +255,6 @@ def _rest(source: str, t_s: Floats, values: Floats, rest_s: float, changes: list
     shown = ", ".join(f"{value:g}" for value in rest)
     changes.append(f"rest: median of {resting.sum()} samples subtracted: {shown}")
     return rest
-
-
-def _metadata(path: Path, labels: Path | None, changes: list[str]) -> Metadata:
-    """Metadata of a file's recording, with the digests of the files."""
-    files = [path, *([labels] if labels else [])]
-    return Metadata(
-        set="slide", split="test", surface="own", motion="none", speed_mps=0.0, spin_radps=0.0,
-        direction="", seed=0, cause=IMPORTED, changes=tuple(changes),
-        files={f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in files},
-    )  # fmt: skip
 
 
 def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]) -> Floats:
@@ -296,6 +275,8 @@ def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]
 
 def _check_unit(t_s: Floats, unit: str, source: str) -> None:
     """Raise BadFile, with the file's unit, where the given one is wrong."""
+    if unit == ISO:
+        return
     try:
         check_unit(t_s, source, "give")
     except BadFile:

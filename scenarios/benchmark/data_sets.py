@@ -9,16 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from detector.recordings import (
-    INDEX,
-    RECORDINGS,
-    SAMPLES,
-    Recording,
-    Split,
-    read,
-    read_dataset,
-    recordings_in,
-)
+from detector.recordings import INDEX, RECORDINGS, Recording, Split, files_in, read, read_dataset
 from drivers.errors import BadFile, UsageError
 
 CONTINUE = "`grasp dataset build` continues it"
@@ -68,7 +59,7 @@ def read_labelled(path: Path) -> list[Recording]:
     if not path.is_dir():
         require_labelled(path)
         return [read(path)]
-    if found := recordings_in(path):
+    if found := files_in(path):
         return [read(file) for file in found]
     raise UsageError(
         f"{path} has no labelled samples",
@@ -81,5 +72,5 @@ def require_labelled(path: Path) -> None:
     if path.suffix == ".mcap":
         raise UsageError(
             f"{path} is the recording of a run, which has no labels",
-            f"`grasp run acquire` writes labelled samples as {SAMPLES} beside its recording",
+            "`grasp run acquire` writes labelled samples beside its recording",
         )

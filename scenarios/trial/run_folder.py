@@ -40,15 +40,10 @@ def find_recording(path: Path) -> Path:
     return path / RECORDING if path.is_dir() else path
 
 
-class _Started(msgspec.Struct):
-    """What ``run_order`` reads of a result."""
+class _Start(msgspec.Struct):
+    """When a run started, and where its arm did."""
 
     started: str | None = None
-
-
-class _Start(msgspec.Struct):
-    """What ``last_start`` reads of a result."""
-
     arm: str | None = None
     home_m: Vector3 | None = None
 
@@ -80,7 +75,7 @@ def run_order(folder: Path) -> tuple[str, str]:
     """Sorting key of a run: when it started, which results of old versions lack, and its name."""
     started = None
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        started = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Started).started
+        started = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start).started
     return started or "", folder.name
 
 
@@ -120,8 +115,7 @@ class RunFolder:
         return self.path / RECORDING
 
     def finish(self, result: WrittenT) -> WrittenT:
-        """Close the recording and write the result, which it returns with its time; on
-        CouldNotRecord both are removed."""
+        """Close the recording, write and return the result; on CouldNotRecord both are removed."""
         result = msgspec.structs.replace(result, started=self._started)
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from detector.recording_checks import suspicions
-from detector.recordings import read, write
+from detector.recordings import read, read_dataset, write
 from detector.text_table import MOST_BYTES
 from drivers.errors import BadFile
 from grasp.cli.main import main
-from scenarios.acquire.datasets.build import training_splits
+from scenarios.acquire.datasets.build import divided
 from scenarios.acquire.import_recording import ImportOptions, import_recording
 from scenarios.benchmark.data_sets import read_labelled
 
@@ -46,7 +46,7 @@ def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
     made, changes = import_recording(path, options)
     assert made.t_s[[0, -1]] == pytest.approx([0.0, 1.99])
     assert made.counts[[0, -1], 0].tolist() == [[0] * 6, [-60, -70, -80, -90, -100, -110]]
-    assert changes[0] == "time: stamp, in ms, 1700000000 s subtracted"
+    assert changes[0] == "time: stamp, in ms, 1700000000000 subtracted"
     assert made.metadata is not None and made.metadata.cause == "imported"
     for unit in ("s", "us", "ns"):
         with pytest.raises(BadFile, match="timestamps look like milliseconds") as error:
@@ -238,13 +238,12 @@ def test_imported_files_are_collected_and_divided_for_training(
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == f"next: `grasp detector evaluate tcn --data {own}`"
     said: list[str] = []
-    divided = training_splits(own, said.append)
-    assert [len(divided[split]) for split in ("train", "validation", "test")] == [3, 1, 1]
-    assert len(said) == 1 and "3 for train, 1 for validation, 1 for test" in said[0]
+    splits = divided(own, said.append)
+    assert [len(splits[split]) for split in ("train", "validation", "test")] == [3, 1, 1]
+    assert len(said) == 1 and "of each five imports three are for training" in said[0]
     assert main(["dataset", "collect", str(own), "--out", str(tmp_path / "set")]) == 0
-    collected = training_splits(tmp_path / "set", said.append)
-    assert [len(collected[split]) for split in ("train", "validation")] == [3, 1]
-    assert len(said) == 1
+    assert len(read_dataset(tmp_path / "set", "train")) == 3
+    assert divided(tmp_path / "set", said.append) == {} and len(said) == 1
     assert len(read_labelled(own)) == 5
 
 
