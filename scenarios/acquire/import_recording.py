@@ -37,7 +37,6 @@ LOST = ("", "nan", "na", "n/a", "null", "none", "[]")  # cells of a lost sample,
 ISO = "ISO 8601"
 TIME = "it must be a number or a stamp as 2026-01-31T10:15:00.010; without times give --rate HZ"
 LEAST_SPAN = 20.0  # of pressures that are no whole numbers, in counts: less is lost by rounding
-KPA_SCALE = 8  # counts per kPa of the kit's barometers
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
 Floats = NDArray[np.float64]
 
@@ -267,7 +266,7 @@ def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]
     if 0.0 < span < LEAST_SPAN and (values != np.rint(values)).any():
         raise BadFile(
             source, f"the pressures change by {span:.2g} at most, and whole counts would lose that",
-            f"give --scale N, counts per unit: {KPA_SCALE} for kPa of the kit's barometers, 1 if "
+            "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 if "
             "they are counts",
         )  # fmt: skip
     return values
