@@ -76,9 +76,10 @@ def start(
 
 def _check_attended(args: TrialsOptions) -> None:
     """Raise UsageError where a question to a person would have no answer."""
-    if args.unattended and (args.first or not args.single):
+    later = args.first or not args.single  # its operator needs a terminal, and says so
+    if args.unattended and later:
         raise UsageError("--unattended is for one lift that asks nobody", "leave it out")
-    if args.single and args.asked and not (sys.stdin is not None and sys.stdin.isatty()):
+    if not (args.unattended or later or (sys.stdin is not None and sys.stdin.isatty())):
         raise UsageError("nobody is at a terminal to watch and to answer questions",
                          "start it at a terminal; a script that may move the arm without a person "
                          "adds --unattended")  # fmt: skip
