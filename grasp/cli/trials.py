@@ -80,9 +80,8 @@ def _check_attended(args: TrialsOptions) -> None:
     if args.unattended and later:
         raise UsageError("--unattended is for one lift that asks nobody", "leave it out")
     if not (args.unattended or later or (sys.stdin is not None and sys.stdin.isatty())):
-        raise UsageError("nobody is at a terminal to watch and to answer questions",
-                         "start it at a terminal; a script that may move the arm without a person "
-                         "adds --unattended")  # fmt: skip
+        remedy = "start it at one; a script that may move the arm without a person: --unattended"
+        raise UsageError("nobody is at a terminal to watch and to answer questions", remedy)
 
 
 def _begin_first(config: RunConfig, permit: MotionPermit | None, args: TrialsOptions) -> RunConfig:

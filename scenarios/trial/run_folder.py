@@ -73,10 +73,10 @@ def newest(name: str) -> list[Path]:
 
 def run_order(folder: Path) -> tuple[str, str]:
     """Sorting key of a run: when it started, which results of old versions lack, and its name."""
-    started = None
     with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        started = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start).started
-    return started or "", folder.name
+        known = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
+        return known.started or "", folder.name
+    return "", folder.name
 
 
 def open_trial(path: Path) -> RunRecording:
@@ -116,8 +116,8 @@ class RunFolder:
 
     def finish(self, result: WrittenT) -> WrittenT:
         """Close the recording, write and return the result; on CouldNotRecord both are removed."""
-        result = msgspec.structs.replace(result, started=self._started)
         self._recorder.close()
+        result = msgspec.structs.replace(result, started=self._started)
         failure: BaseException | None = self._recorder.failure
         if failure is None:
             try:

@@ -82,8 +82,8 @@ def test_a_lift_without_a_terminal_says_that_nobody_is_asked(
     Path("hand.toml").write_text('[calibration]\nsource = "a scale"\nleast_force_n = 16.0\n')
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     for more, problem in (
-        ((), "nobody is at a terminal to watch and to answer questions (start it at a terminal; "
-             "a script that may move the arm without a person adds --unattended)"),
+        ((), "nobody is at a terminal to watch and to answer questions (start it at one; a script "
+             "that may move the arm without a person: --unattended)"),
         (("--unattended", "--trials", "2"), "--unattended is for one lift"),
         (("--unattended", "--first"), "--unattended is for one lift"),
     ):  # fmt: skip
