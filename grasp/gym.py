@@ -1,5 +1,5 @@
 """Importing this module registers the gymnasium environment `grasp/Lift-v0`, which needs the extra
-`gym`."""
+`gym`. gymnasium 1.0 and later read no entry points, so `import gymnasium` alone cannot do it."""
 
 try:
     from gymnasium import register

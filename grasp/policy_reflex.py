@@ -54,7 +54,7 @@ from grasp.control.observation import Observation
 from grasp.control.reflex_controller import ReflexController
 from grasp.control.slip_monitor import SlipStatus
 from grasp.control.states import State
-from grasp.control.step import GraspStep
+from grasp.control.step import GraspStep, StepResult
 from grasp.run.loop import to_gripper
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
@@ -131,14 +131,15 @@ class Reflex:
 
     def __init__(
         self, settings: ControllerSettings, make_step: Callable[[], GraspStep[ReflexController]],
-        guard: GuardSettings, most_arm_mps: float, least_force_n: float,
+        guard: GuardSettings, most_arm_mps: float, least_force_n: float, taxels: int,
     ) -> None:  # fmt: skip
         """``make_step``: makes the parts of one grasp.
-        ``most_arm_mps``: limit of the arm's speed, m/s. ``least_force_n``: of the hand, N."""
+        ``most_arm_mps``: limit of the arm's speed, m/s. ``least_force_n``: of the hand, N.
+        ``taxels``: of a fingertip."""
         self._settings = settings
         self._make_step = make_step
         self._limit_n, self._most_arm_mps = guard.force_limit_n, most_arm_mps
-        self._least_n = least_force_n
+        self._least_n, self._taxels = least_force_n, taxels
         self._descent_mps = safe_descent_mps(guard, settings.slip_stop_mps2)
         self.reset()
 
@@ -152,6 +153,7 @@ class Reflex:
         self._met = False  # a finger has touched since the hand last opened
         self._lifted = False  # the held object has risen
         self._last_ns: int | None = None
+        self.last_step: StepResult | None = None  # observation and decision, for a recording
 
     def step(
         self,
@@ -177,7 +179,7 @@ class Reflex:
                 and for a time that is no integer or goes back.
         """
         counts = tactile.counts if isinstance(tactile, TactileFrame) else np.asarray(tactile)
-        _check_counts(counts)
+        _check_counts(counts, self._taxels)
         frame = tactile if isinstance(tactile, TactileFrame) else _frame(counts, t_ns)
         now_ns = frame.t_ns if t_ns is None else t_ns
         if not isinstance(now_ns, int | np.integer):
@@ -186,9 +188,9 @@ class Reflex:
             raise UsageError("the time went back", "give the times of one clock, or call reset()")
         self._last_ns = now_ns
         refused: list[str] = []
-        if not _is_valid(wanted):
+        if problem := _problem(wanted):
             wanted = PolicyCommand(hand=HoldFingers())
-            refused.append("a value of another type, out of range or not finite: hand and arm hold")
+            refused.append(f"{problem}: hand and arm hold")
         opens = _opens(wanted.hand, gripper)
         state = self._controller.state
         releases = isinstance(wanted.hand, OpenFingers) and state is not State.CLOSE
@@ -199,7 +201,8 @@ class Reflex:
             t_ns=now_ns, frame=frame, rest_taken=True,
             gripper=gripper, arm=arm, below_limit=self._below_limit,
         )  # fmt: skip
-        own = [c for c in self._step.decide(obs).admitted if isinstance(c, GripperCommand)]
+        self.last_step = self._step.decide(obs)
+        own = [c for c in self.last_step.admitted if isinstance(c, GripperCommand)]
         controller = self._controller
         velocity = self._within_speed(wanted.arm_velocity_mps, refused)
         ramp_mps2 = self._settings.lift_acceleration_mps2
@@ -314,28 +317,32 @@ def safe_descent_mps(guard: GuardSettings, stop_mps2: float) -> float:
     return stop_mps2 * (math.sqrt(SENSING_S**2 + 2.0 * way_m / stop_mps2) - SENSING_S)
 
 
-def _is_valid(wanted: PolicyCommand) -> bool:
-    """Whether a policy's command has the right types and finite values: it may be anything, and the
+def _problem(wanted: object) -> str:
+    """What is wrong with a policy's command, which may be anything; empty for a valid one. The
     reflex must not raise while an object slips."""
+    if not isinstance(wanted, PolicyCommand):
+        return f"{wanted!r:.60} is not a PolicyCommand"
     hand: Any = wanted.hand
-    velocity: Any = wanted.arm_velocity_mps
-    positive: list[Any] = []
+    if not isinstance(hand, MoveFingers | OpenFingers | HoldFingers):
+        return f"hand: {hand!r:.60} is not MoveFingers, OpenFingers or HoldFingers"
     if isinstance(hand, MoveFingers):
-        positive = [hand.speed_mps, hand.force_n]
         targets: Any = hand.targets_counts
-        if not isinstance(targets, tuple) or len(targets) != FINGERS:
-            return False
-        if not all(target in COUNTS for target in targets):
-            return False
-    elif isinstance(hand, OpenFingers):
-        positive = [hand.speed_mps]
-    elif not isinstance(hand, HoldFingers):
-        return False
-    if not isinstance(velocity, tuple) or len(velocity) != len(AT_REST):
-        return False
-    numbers = [*velocity, *positive]
-    known = all(isinstance(number, Real) and math.isfinite(number) for number in numbers)
-    return known and min(positive, default=1.0) > 0.0
+        known = isinstance(targets, tuple) and len(targets) == FINGERS
+        if not known or not all(_is_finite(target) and target in COUNTS for target in targets):
+            return f"targets_counts: {targets!r:.60} is not a tuple of three counts from 0 to 255"
+    for name in ("speed_mps", "force_n"):
+        number: Any = getattr(hand, name, 1.0)
+        if not _is_finite(number) or number <= 0.0:
+            return f"{name}: {number!r:.60} is not a number above 0"
+    velocity: Any = wanted.arm_velocity_mps
+    known = isinstance(velocity, tuple) and len(velocity) == len(AT_REST)
+    if not known or not all(map(_is_finite, velocity)):
+        return f"arm_velocity_mps: {velocity!r:.60} is not a tuple of three finite numbers"
+    return ""
+
+
+def _is_finite(number: object) -> bool:
+    return isinstance(number, Real) and math.isfinite(number)
 
 
 def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
@@ -365,14 +372,13 @@ def _present_target(finger: FingerState) -> int:
     return finger.min_closure_counts if moves else finger.requested_counts
 
 
-def _check_counts(counts: NDArray[Any]) -> None:
+def _check_counts(counts: NDArray[Any], taxels: int) -> None:
     """Raise UsageError for what cannot be raw minus rest of all fingertips."""
-    shape, kind = counts.shape, counts.dtype.kind
-    fits = kind in "iu" and len(shape) == 2 and shape[0] == FINGERS and shape[1] > 0
+    fits = counts.dtype.kind in "iu" and counts.shape == (FINGERS, taxels)
     if not fits or counts.min() < -CODE_MAX or counts.max() > CODE_MAX:
         span = f", from {counts.min()} to {counts.max()}" if fits else ""
-        wrong = f"counts of type {counts.dtype} and shape {shape}{span}"
-        allowed = f"integers of shape (3, taxels) from -{CODE_MAX} to {CODE_MAX}"
+        wrong = f"counts of type {counts.dtype} and shape {counts.shape}{span}"
+        allowed = f"integers of shape (3, {taxels}) from -{CODE_MAX} to {CODE_MAX}"
         raise UsageError(wrong, f"give raw codes minus rest codes: {allowed}")
 
 

@@ -1,7 +1,6 @@
 """Parts of the results that stream recordings through detectors."""
 
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,9 @@ from detector.scores.events import EventOutcomes
 from detector.scores.figures import Figure, figure, samples_of
 from detector.scores.quantiles import quantiles
 from drivers.errors import GraspError
-from drivers.interfaces import FINGERS
 from grasp.cli import main as cli
+from scenarios.benchmark.ranking import BEST, ranked
+from scenarios.benchmark.run import cost
 from scenarios.benchmark.score_file import BENCHMARK, read_scores
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
@@ -52,7 +52,11 @@ def detectors(run: Run) -> Made:
     names = run.settings.detectors
     tasks = [Task(name, test, thresholds) for name in names]
     found = dict(results(score, tasks, Workers(run.jobs)))
-    rows = [row for name in names for row in (*found[name], update_cost(name))]
+    rows = []
+    for name in names:
+        rows += found[name]
+        update_us = cost(load_config("can", "simulated", name).for_lift())
+        rows.append(Row(name, "one update, ms", 1e-3 * update_us))
     slip = np.concatenate([r.slip[WARM_UP_SAMPLES:] for r in read_split([Path(test)], "all")])
     static = 100 * float(np.mean(~slip))
     rows += [Row("always static", m, static, n=len(slip)) for m in (ACCURACY, AT_BEST)]
@@ -109,39 +113,31 @@ def mean_delay(name: str, delays: Sequence[Any]) -> Row:
     return of_figure(name, measure, figure(mean, delays), 1.0, n or None)
 
 
-def update_cost(name: str, updates: int = 3000) -> Row:
-    """Processor time of one update of three fingers, in this process."""
-    detector = load_config("can", "simulated", name).make_detector(FINGERS)
-    walk = np.cumsum(np.random.default_rng(0).integers(-3, 4, (updates, FINGERS, 6)), axis=0)
-    spent_ms = []
-    for counts in np.clip(walk, -400, 200).astype(np.int16):
-        start = time.thread_time_ns()
-        detector.update(counts)
-        spent_ms.append((time.thread_time_ns() - start) * 1e-6)
-    return median(name, "one update, ms", quantiles(spent_ms[updates // 10 :]))
-
-
 def benchmark(run: Run) -> Made:
-    """`grasp benchmark` of all detectors on the split `test`."""
+    """`grasp benchmark` of all detectors on the split `test`, after that on `validation`, which
+    chooses thresholds."""
     real = ("--recording", str(run.real)) if run.real else ()
-    (run.folder / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
     words = ("benchmark", *run.settings.detectors, "--out", str(run.folder), *real)
-    if cli.main([*words, "--jobs", str(run.jobs)]):
-        raise GraspError("the benchmark did not finish", "its message is above")
-    file, costs = read_scores(run.folder / BENCHMARK)
+    for split in ("validation", "test"):
+        (run.folder / split / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
+        if cli.main([*words, "--split", split, "--jobs", str(run.jobs)]):
+            raise GraspError("the benchmark did not finish", "its message is above")
+    file, costs = read_scores(run.folder / "test" / BENCHMARK)
     rows = []
-    for each in file.detectors:
-        (p,), s = each.own, each.figures
+    for each in ranked(file):
+        item = each.of.detector if each.point == each.of.point else f"{each.of.detector}, {BEST}"
+        s, p = each.of.figures, each.point
         for measure, f, factor in (
-            ("right, %", p.right, 100.0), ("lifts right, %", p.lifts_right, 100.0),
-            ("taps right, %", p.taps_right, 100.0),
-            ("lasting slip reported, %", s["sustained"], 100.0),
-            ("false alarms a minute", s["false_per_min"], 1.0), ("AUC", s["auc"], 1.0),
-            *((f"AUC, {name}", f, 1.0) for name, f in each.real.items()),
+            ("score", p.score, 100.0), ("behind the first", each.behind, 100.0),
+            ("raw, %", p.raw, 100.0), ("lifts, %", p.lifts, 100.0),
+            ("taps that moved, %", p.moved, 100.0), ("taps that did not, %", p.unmoved, 100.0),
+            ("false alarms a minute", p.false_per_min, 1.0),
+            ("lasting slip reported, %", s["sustained"], 100.0), ("AUC", s["auc"], 1.0),
+            *((f"AUC, {name}", f, 1.0) for name, f in each.of.real.items()),
         ):  # fmt: skip
-            rows.append(of_figure(each.detector, measure, f, factor))
+            rows.append(of_figure(item, measure, f, factor))
         p50, p90 = (math.inf if d is None else d for d in (p.delay_p50_ms, p.delay_p90_ms))
-        rows.append(Row(each.detector, "delay p50, ms", p50, None, p90))
-        rows.append(Row(each.detector, "update, µs", costs[each.detector].update_us))
+        rows.append(Row(item, "delay p50, ms", p50, None, p90))
+        rows.append(Row(item, "update, µs", costs[each.of.detector]))
     file = msgspec.structs.replace(file, command="")  # it has paths of this machine
-    return rows, {"file": msgspec.to_builtins(file), "costs": msgspec.to_builtins(costs)}
+    return rows, msgspec.to_builtins(file)

@@ -14,9 +14,9 @@ import msgspec
 
 from detector.scores.quantiles import Quantiles
 from grasp.files import write_whole
-from scenarios.benchmark.score_file import ScoresWithCosts
+from scenarios.benchmark.score_file import read_scores
 from scenarios.campaign.summary import wilson
-from scenarios.report.score_chart import draw_scores
+from scenarios.report.score_page import score_svg
 from studies import difficulty_sweep, physics_levels
 from studies.runner import Study, draw, markdown
 
@@ -240,8 +240,8 @@ def charts(kept: Kept) -> None:
         kept.folder / f"{name}.json" for name in ("benchmark", "difficulty", "contact")
     )
     if scores.exists():
-        scored = msgspec.json.decode(scores.read_bytes(), type=ScoresWithCosts)
-        draw_scores(scored.file, scored.costs, kept.figures / "benchmark.svg")
+        chart = score_svg(read_scores(scores)[0])
+        write_whole(kept.figures / "benchmark.svg", chart.encode())
     if points.exists():
         costs = msgspec.json.decode(points.read_bytes(), type=list[physics_levels.Row])
         _draw(physics_levels.chart, costs, kept.figures / "contact.svg", (11.0, 5.5))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from ipaddress import ip_address
 from multiprocessing import resource_tracker
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import hypothesis
@@ -19,7 +18,6 @@ import pytest
 
 GRACE_S = 2.0  # time for resources that are being closed
 NIGHTLY = Path(__file__).parent / "nightly"
-CALLERS = 4  # stack frames shown for a leaked socket
 
 hypothesis.settings.register_profile("local", deadline=None, print_blob=True)
 hypothesis.settings.register_profile("ci", deadline=None, print_blob=True, derandomize=True)
@@ -68,42 +66,8 @@ def sockets() -> set[str]:
         except FileNotFoundError:  # the one that scandir itself had open
             continue
         if target.startswith("socket:"):
-            found.add(f"{target} (descriptor {entry.name})")
+            found.add(target)
     return found
-
-
-opened: dict[int, str] = {}  # by descriptor, where a socket was made
-
-
-def remembered(init: Callable[..., None]) -> Callable[..., None]:
-    """Stack of a socket's creation, innermost first, without frames of the library."""
-
-    def noted(self: socket.socket, *args: Any, **options: Any) -> None:
-        init(self, *args, **options)
-        lines: list[str] = []
-        frame: FrameType | None = sys._getframe(1)
-        while frame is not None and len(lines) < CALLERS:
-            code = frame.f_code
-            if code.co_filename != socket.__file__:
-                lines.append(f"{Path(code.co_filename).name}:{frame.f_lineno} {code.co_name}")
-            frame = frame.f_back
-        opened[self.fileno()] = " < ".join(lines)
-
-    return noted
-
-
-def described(name: str) -> str:
-    """Describe a leaked resource; a socket with its addresses and where it was created."""
-    kind, _, number = name.removesuffix(")").partition(" (descriptor ")
-    if not kind.startswith("socket:"):
-        return name
-    descriptor, ends = int(number), []
-    made = opened.get(descriptor, "somewhere unknown")
-    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as same:
-        for end, call in (("at", same.getsockname), ("to", same.getpeername)):
-            with contextlib.suppress(OSError):  # it has no peer
-                ends.append(f"{end} {call() or 'no name'}")
-    return f"{name} {' '.join(ends) or 'closed by now'}, made at {made}"
 
 
 def held() -> set[str]:
@@ -119,9 +83,7 @@ def nothing_left_behind() -> Iterator[None]:
     while (left := held() - before) and time.monotonic() < deadline:
         time.sleep(0.01)
     if left:
-        pytest.fail(
-            "left behind: " + ", ".join(described(name) for name in sorted(left)), pytrace=False
-        )
+        pytest.fail("left behind: " + ", ".join(sorted(left)), pytrace=False)
 
 
 def is_here(address: Any) -> bool:
@@ -152,5 +114,4 @@ def loopback_only() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("connect", "connect_ex", "sendto"):
             patch.setattr(socket.socket, name, only_here(getattr(socket.socket, name)))
-        patch.setattr(socket.socket, "__init__", remembered(socket.socket.__init__))
         yield

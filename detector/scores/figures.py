@@ -32,12 +32,12 @@ def figure(statistic: Callable[[Sequence[T]], float | None], units: Sequence[T])
     if len(units) < 2:
         return Figure(statistic(units))
     drawn = [statistic([units[i] for i in chosen]) for chosen in resamples(len(units))]
-    return _bounded(statistic(units), drawn)
+    return bounded(statistic(units), drawn)
 
 
-def resamples(units: int) -> list[NDArray[np.intp]]:
+def resamples(units: int, seed: int = 0) -> list[NDArray[np.intp]]:
     """Numbers of the units in each resample, the same in every call."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     return [rng.integers(0, units, units) for _ in range(RESAMPLES)]
 
 
@@ -50,7 +50,8 @@ def quantile_figures(name: str, unit: str, values: Floats) -> dict[str, Figure]:
     }
 
 
-def _bounded(value: float | None, drawn: Sequence[float | None]) -> Figure:
+def bounded(value: float | None, drawn: Sequence[float | None]) -> Figure:
+    """The value with the interval of its resamples."""
     ordered = sorted(each for each in drawn if each is not None)
     if value is None or not ordered:
         return Figure(value)
@@ -70,7 +71,7 @@ class Samples(msgspec.Struct, frozen=True, eq=False):
         blocks = int(self.block[-1]) + 1
         times = (np.bincount(each, minlength=blocks) for each in self.resamples)
         drawn = [statistic(each[self.block].astype(np.float64)) for each in times]
-        return _bounded(statistic(np.ones(len(self.p))), drawn)
+        return bounded(statistic(np.ones(len(self.p))), drawn)
 
     def auc(self) -> Figure:
         """Area under the ROC curve."""

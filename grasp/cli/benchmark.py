@@ -3,7 +3,6 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,27 +19,17 @@ from grasp.cli.output import progress, show
 from grasp.files import PRIVATE_FILE, Holder, locked, make_private_folder, write_whole
 
 CHANGEABLE = {*SECTIONS, "rule", "source"}  # sections that are not the protocol's
-HEADINGS = (
-    "detector", "right, %", "lifts, %", "taps, %", "delay p50 / p90, ms", "false alarms / min",
-    "lasting slip, %", "AUC", "update, µs",
-)  # fmt: skip
 
 
 def benchmark(args: BenchmarkOptions) -> int:
     from scenarios.acquire.config import layout_file
+    from scenarios.benchmark import score_file
     from scenarios.benchmark.protocol import check_digest, load_protocol
     from scenarios.benchmark.run import Benchmark, costs_of
-    from scenarios.benchmark.score_file import (
-        BENCHMARK,
-        COST,
-        ScoreFile,
-        Source,
-        scores_of_others,
-        write_scores,
-    )
     from scenarios.benchmark.streams import ensure_recordings
     from scenarios.campaign.config import load_config
     from scenarios.report.page import BEGINS
+    from scenarios.report.score_page import score_svg
 
     names, pool = list(dict.fromkeys(args.detector or DETECTORS)), workers(args)
     layout = [path] if (path := layout_file(args.layout)) else []
@@ -50,43 +39,86 @@ def benchmark(args: BenchmarkOptions) -> int:
     real = _real(args.recording or ())
     configs = _configs(names, [*layout, *(args.config or ())], args.set)
     costs = costs_of(configs, real, pool)
-    make_private_folder(args.out)
-    made: list[Any] = []
-    out = args.out / BENCHMARK
+    folder, chosen = _folder(args, args.split), {}
+    if args.split == "test":
+        chosen = _chosen(_folder(args, "validation"), configs, protocol.version)
+    seeds = protocol.splits[args.split].digest
+    source = score_file.Source(
+        "benchmark", args.split, "slip", protocol.version, seeds, args.layout, args.quick
+    )
+    out = folder / score_file.BENCHMARK
+    make_private_folder(folder)
     check_writable(out)
     check_writable(out.with_suffix(".html"), BEGINS)
-    seeds = protocol.splits[args.split].digest
-    source = Source("benchmark", args.split, "slip", protocol.version, seeds, args.layout)
     try:
         with locked(args.out / ".lock", PRIVATE_FILE, _busy), _shown(hidden=args.json) as report:
-            others, kept_costs = scores_of_others(out, source, list(costs))
-            costs = kept_costs | costs
-            title = filter(None, ("recordings", args.split, Path(args.layout).stem))
-            folder = args.out / "-".join(title)
+            kept, kept_costs = score_file.earlier_scores(out, source)
             recordings = ensure_recordings(
-                protocol, args.split, folder, pool,
-                lambda done, of: report("recordings", done, of), args.layout,
+                protocol, args.split, args.out / _title("recordings", args.split, args.layout),
+                pool, lambda done, of: report("recordings", done, of), args.layout, args.quick,
             )  # fmt: skip
-            bench = Benchmark(protocol, args.split, recordings, real, pool, report)
+            bench = Benchmark(protocol, args.split, recordings, real, pool, report, args.quick)
             ideal = load_config("can", "simulated", "energy", layout).for_lift()
-            oracle = bench.kept_oracle(ideal, folder / f"oracle-{seeds}.json")
-            for config in configs:
-                made.append(bench.detector(config))
-                command, every = _command(args, names), [*others, *made]
-                file = ScoreFile(source=source, command=command, detectors=every, oracle=oracle)
-                write_scores(out, file)
-                write_whole(args.out / COST, msgspec.json.encode(costs), private=True)
+            references = bench.references(ideal, folder / f"references-{seeds}.json")
+            for config in [config for config in configs if not _is_in(kept, config, real, out)]:
+                name = config.detector_label
+                found = bench.detector(config, references, chosen.get(name))
+                kept = {label: each for label, each in kept.items() if label != name}
+                kept[name] = found
+                score_file.write_scores(out, score_file.ScoreFile(
+                    source=source, command=_command(args, names), references=references,
+                    detectors=list(kept.values()),
+                ))  # fmt: skip
+                content = msgspec.json.encode(kept_costs | costs)
+                write_whole(folder / score_file.COST, content, private=True)
     except KeyboardInterrupt:
-        kept = "interrupted before any detector was measured", "run it again: recordings are kept"
-        if made:
-            kept = (f"interrupted; {len(made)} of {len(names)} detectors are in {out}",
-                    "run the others with the same --out")  # fmt: skip
-        return exits.report("interrupted", *kept, args.json)
+        problem = f"interrupted; the detectors that were measured are in {out}"
+        return exits.report("interrupted", problem, "the same command continues", args.json)
     from grasp.cli.recordings import write_page
 
-    pages = [write_page(out), *_chart(file, costs, out)]
-    text = "\n".join([table(file, costs), "", *failures(file), "", *map(str, (out, *pages))])
-    return show(args, {**msgspec.to_builtins(file), "cost": costs}, text)
+    file, costs = score_file.read_scores(out)
+    chart = out.with_suffix(".svg")
+    write_whole(chart, score_svg(file).encode(), private=True)
+    shown = map(str, (out, write_page(out), chart))
+    text = "\n".join([table(file, costs), "", *remarks(file), "", *shown])
+    return show(args, {**msgspec.to_builtins(file), "update_us": costs}, text)
+
+
+def _is_in(kept: dict[str, Any], config: Any, real: dict[str, Any], out: Path) -> bool:
+    """Whether the file has this detector with the same rule and recordings; says so."""
+    found = kept.get(config.detector_label)
+    if found is None or found.detector_hash != config.detector_hash() or {*found.real} != {*real}:
+        return False
+    exits.print_detail(f"{found.detector} is already in {out}; another --out measures it again")
+    return True
+
+
+def _title(first: str, *words: str) -> str:
+    return "-".join([first, *(Path(word).stem for word in words if word)])
+
+
+def _folder(args: BenchmarkOptions, split: str) -> Path:
+    return args.out / _title(split, args.layout, "quick" if args.quick else "")
+
+
+def _chosen(folder: Path, configs: Sequence[Any], version: int) -> dict[str, float]:
+    """Best thresholds of the detectors in that folder. Raises BadFile and UsageError."""
+    from scenarios.benchmark.score_file import BENCHMARK, read_scores
+
+    path, found = folder / BENCHMARK, {}
+    file = read_scores(path)[0] if path.exists() else None
+    of = file.detectors if file and file.source.version == version else []
+    known = {(each.detector, each.detector_hash): each.best for each in of}
+    for config in configs:
+        name = config.detector_label
+        point = known.get((name, config.detector_hash()))
+        if point is None:
+            raise UsageError(
+                f"{name} with this rule has no best threshold in {path}",
+                "the split `test` does not choose: first run the same with --split validation",
+            )
+        found[name] = point.threshold
+    return found
 
 
 def _busy(holder: Holder | None) -> UsageError:
@@ -136,8 +168,9 @@ def _command(args: BenchmarkOptions, names: list[str]) -> str:
     options += [("--layout", args.layout)] if args.layout else []
     options += [("--config", str(path)) for path in args.config or ()]
     options += [("--set", text) for text in args.set]
-    real = ["--recording", *map(str, args.recording)] if args.recording else []
-    return shlex.join(["grasp", "benchmark", *names, *(w for o in options for w in o), *real])
+    more = ["--quick"] * args.quick
+    more += ["--recording", *map(str, args.recording)] if args.recording else []
+    return shlex.join(["grasp", "benchmark", *names, *(w for o in options for w in o), *more])
 
 
 @contextmanager
@@ -155,52 +188,27 @@ def _shown(hidden: bool) -> Iterator[Any]:
         yield report
 
 
-def _chart(file: Any, costs: dict[str, Any], out: Path) -> list[Path]:
-    """Draw the chart if the extra `exports` is installed; returns its path."""
-    if find_spec("matplotlib") is None:
-        exits.print_detail("no chart: it needs the extra `exports` (make install-exports)")
-        return []
-    from scenarios.report.score_chart import draw_scores
+def table(file: Any, costs: dict[str, float]) -> str:
+    """The result of the page as text."""
+    from scenarios.report.score_page import results_table
 
-    path = out.with_suffix(".svg")
-    draw_scores(file, costs, path)
-    return [path]
-
-
-def failures(file: Any) -> list[str]:
-    """Of each detector, the commonest reasons why lifts were not right."""
-    from scenarios.report.score_page import by_number
-
-    lines = []
-    for each in file.detectors:
-        causes = each.causes["all"]
-        wrong = [f"{n} {cause}" for n, cause in by_number(causes)[:3]]
-        lines.append(f"{each.detector}: of {sum(causes.values())} lifts "
-                     f"{', '.join(wrong) or 'all right'}")  # fmt: skip
-    return lines
-
-
-def table(file: Any, costs: dict[str, Any]) -> str:
-    """One row a detector, then the oracle; a column for each real recording."""
-    from detector.scores.figures import Figure
-    from scenarios.report.score_page import between, delays, number, percent
-
-    real = list(dict.fromkeys(name for each in file.detectors for name in each.real))
-    headings = (*HEADINGS, *(f"AUC, {name}" for name in real))
-    rows: list[tuple[str, ...]] = [headings]
-    for each in file.detectors:
-        p, s = each.point, each.figures
-        rows.append((
-            each.detector, f"{percent(p.right)} {between(p.right)}", percent(p.lifts_right),
-            percent(p.taps_right), delays(p), number(s["false_per_min"]),
-            percent(s["sustained"]), number(s["auc"], 3),
-            f"{costs[each.detector].update_us:.0f}" if each.detector in costs else "",
-            *(number(each.real.get(name, Figure(None)), 3) for name in real),
-        ))  # fmt: skip
-    p = file.oracle[0]
-    shares = map(percent, (p.right, p.lifts_right, p.taps_right))
-    rows.append(("oracle", *shares, delays(p), "0.0", "100.0", "1.000", "", *("" for _ in real)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(headings))]
+    made = results_table(file, costs)
+    rows = [made.headings]
+    rows += [[f"{cell.text} {cell.small}".strip() for cell in row] for row in made.rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows
     )
+
+
+def remarks(file: Any) -> list[str]:
+    """The headline, whether halves agree, and why lifts of each detector were not right."""
+    from scenarios.benchmark.ranking import halves
+    from scenarios.report.score_page import by_number, sentence
+
+    lines = [sentence(file), halves(file)]
+    for each in file.detectors:
+        wrong = [f"{n} {cause}" for n, cause in by_number(each.causes)[:3]]
+        total = sum(each.causes.values())
+        lines.append(f"{each.detector}: of {total} lifts {', '.join(wrong) or 'all right'}")
+    return lines

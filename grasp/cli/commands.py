@@ -138,6 +138,10 @@ class RosOptions(Settings, Confirm, command="ros", section=TRY,
     detector: Detector = None
     rig: Rig = "emulated"
     seed: Seed = 0
+    stop_without_client: Annotated[bool, "stop a lift as by /grasp/stop once its client is gone"] \
+        = False
+    ros_args: Annotated[Sequence[str], "...", "for ROS 2, last: -r __ns:=/cell2, -r FROM:=TO",
+        How(rest=True)] = ()
 
 
 class ReplayOptions(SettingsJson, command="replay", section=TRY,
@@ -309,13 +313,14 @@ class TrainOptions(Json, command="detector train",
 
 class BenchmarkOptions(Settings, Pool, Json, command="benchmark", section=MEASURE,
     about="score detectors with one fixed protocol",
-    more=": recordings, lifts in which false alarms have a price, taps, cost. Three minutes a "
-    "detector, seven more in a new folder.", examples=("grasp benchmark",
-              "grasp benchmark tcn mine.onnx mine.py:Vibration --split validation")):
+    more=": recordings, lifts in which false alarms have a price, taps, cost. Six minutes a "
+    "detector, fifteen more in a new folder. The same command continues an interrupted run.",
+    examples=("grasp benchmark", "grasp benchmark tcn mine.onnx mine.py:Vibration --quick")):
     detector: Annotated[Sequence[str], "NAME", "of config/detectors, or your files (default: all "
         "packaged ones)", ARGUMENT] = ()
     split: Annotated[Literal["validation", "test"],
-        "tune and train on validation; test is for the last figure"] = "test"
+        "tune and train on validation; test is for the last figure"] = "validation"
+    quick: Annotated[bool, "the first quarter of lifts and taps, for a first look"] = False
     recording: Annotated[Sequence[Path], "FILE", "labelled real recordings to score as well"] = ()
     layout: Annotated[str, "NAME", "of the fingertips' taxels, in config/layouts"] = ""
     out: Annotated[Path, "DIR", "folder of recordings and results (default: %(default)s)",

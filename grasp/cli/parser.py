@@ -166,6 +166,7 @@ class How(NamedTuple):
 
     positional: bool = False
     repeated: bool = False  # the option may be given several times
+    rest: bool = False  # it takes all words that follow
     either: str = ""
 
 
@@ -234,6 +235,8 @@ class Options:
             more: dict[str, Any] = {"nargs": "+"} if many else {}
             if how.repeated:
                 more = {"action": "append"}
+            elif how.rest:
+                more = {"nargs": argparse.REMAINDER}
             elif how.positional and not required:
                 more["nargs"] = "*" if many else "?"
             elif required and not how.positional:

@@ -95,6 +95,8 @@ class Lifts:
     def __init__(self, args: RosOptions) -> None:
         """Raises ConfigError and UsageError as `grasp run lift` would."""
         self._args, self._started = args, 0
+        if args.pace == "max" and args.rig == "emulated":
+            raise UsageError("--pace max is of the rig simulated", "--rig simulated")
         self._config = self._load(Goal())
         self.permit = motion_permit(self._config, args)
         check_devices(self._config)
@@ -105,6 +107,11 @@ class Lifts:
     def rig(self) -> str:
         """The rig, as on the command line."""
         return str(self._args.rig)
+
+    @property
+    def stop_without_client(self) -> bool:
+        """Whether a lift stops once its client is gone."""
+        return self._args.stop_without_client
 
     @property
     def m_per_count(self) -> float:

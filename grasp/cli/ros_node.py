@@ -8,7 +8,7 @@ import math
 import os
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -23,6 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
+from drivers.errors import UsageError, one_line
 from grasp.cli import exits
 from grasp.cli.child import Child
 from grasp.cli.output import JsonObject
@@ -57,7 +58,6 @@ RESULT_S = 900  # a client may ask for its result so long after the end
 SPIN_S = 0.1
 LAST_SPINS = 5  # a client still asks for its result
 RUNNING = "a lift or a release is running"
-REFUSED = ClientResult.of({"error": {"kind": "refused", "message": RUNNING}})
 SERVICES = QoSProfile(depth=100)  # requests that wait, of many clients at once
 QOS = {
     SENSOR: qos_profile_sensor_data,
@@ -132,7 +132,7 @@ class GraspNode:
         self._node = node = rclpy.create_node(NAME)
         self._log = node.get_logger()
         self._publishers = {
-            topic: node.create_publisher(message_type(kind), topic, QOS[qos])
+            topic: node.create_publisher(message_type(kind), own_name(topic), QOS[qos])
             for topic, (kind, qos) in TOPICS.items()
         }
         group = ReentrantCallbackGroup()  # a stop must not wait for a lift
@@ -150,10 +150,16 @@ class GraspNode:
         # the node's own clock stands still when a stranger sets use_sim_time
         node.create_timer(1.0, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._slot = Slot()
+        self._running: Ros = None  # handle of the goal whose lift runs
         self._state, self._last = IDLE, "none"
         self._problems: dict[str, tuple[int, Fault]] = {}
         self._warned = False
         self._publish_state(IDLE)
+
+    @property
+    def name(self) -> str:
+        """With its namespace."""
+        return str(self._node.get_fully_qualified_name())
 
     def spin(self) -> None:
         """Run until a signal, then stop a lift and wait for its end."""
@@ -175,48 +181,52 @@ class GraspNode:
     # Action
 
     def _accept(self, request: Ros) -> Ros:
-        goal = self._action.goal(request)
-        problem = self._lifts.problem(goal)
-        if not problem and (signals.received() or self._slot.busy.locked()):
-            problem = RUNNING
-        if problem:
-            self._log.warning(f"lift refused: {problem}")
-            return GoalResponse.REJECT
-        self._slot.stopping = False
+        """Accept every goal: a rejected one reaches its client without the reason."""
+        if not self._slot.busy.locked():
+            self._slot.stopping = False
         return GoalResponse.ACCEPT
 
     def _cancel(self, handle: Ros) -> Ros:
-        self._stop()
+        if self._running in (None, handle):  # not a goal that waits for its refusal
+            self._stop()
         return CancelResponse.ACCEPT
 
     def _lift(self, handle: Ros) -> Ros:
         """Run a lift to its end. Only here is anything taken: an accepted goal may never start."""
         with self._slot.taken() as free:
-            if not free or signals.received():  # accepted at the same time as another one
+            goal = self._action.goal(handle.request)
+            problem = self._lifts.problem(goal) if free and not signals.received() else RUNNING
+            if problem:
+                self._log.warning(f"lift refused: {problem}")
                 handle.abort()
-                return self._action.result(REFUSED)
+                error = {"kind": "refused", "message": problem}
+                return self._action.result(ClientResult.of({"error": error}))
             try:
+                self._running = handle
                 self._publish_state(STARTING)
-                child = self._slot.start(self._lifts.words(self._action.goal(handle.request)), True)
+                child = self._slot.start(self._lifts.words(goal), True)
                 messages = self._follow(child, handle)
                 printed = child.result()
                 outcome = ClientResult.of(printed)
                 self._last = outcome.verdict
                 self._problems = _problems(messages, printed.get("error"))
-                if handle.is_cancel_requested:
+                if canceled := handle.is_cancel_requested:
                     handle.canceled()
                 elif outcome.success:
                     handle.succeed()
                 else:
                     handle.abort()
-                self._log.info(f"lift: {outcome.verdict} {outcome.message}".rstrip())
+                how = "canceled by its client" if canceled else outcome.message
+                self._log.info(f"lift: {outcome.verdict} {how}".rstrip())
                 return self._action.result(outcome)
             finally:
+                self._running = None
                 self._publish_state(IDLE)
 
     def _follow(self, child: Child, handle: Ros) -> RosMessages | None:
         """Publish what the lift feeds, until it ends."""
         messages, due_ns, shown = None, 0, None
+        feedback = self._node.resolve_topic_name("~/lift/_action/feedback")
         for line in child.lines():
             if isinstance(line, Begin):
                 messages = RosMessages(line.unix_ns, self._lifts.m_per_count)
@@ -227,6 +237,9 @@ class GraspNode:
                 if event != shown or line.t_ns >= due_ns:
                     shown, due_ns = event, line.t_ns + FEEDBACK_NS
                     handle.publish_feedback(self._action.feedback(line))
+                    gone = self._lifts.stop_without_client
+                    if gone and not self._node.count_subscribers(feedback):
+                        self._stop()
         return messages
 
     # Services
@@ -257,9 +270,12 @@ class GraspNode:
         if self._state in (IDLE, STARTING):
             more = {"rig": self._lifts.rig, "last lift": self._last}
             self._publish(diagnostics(time.time_ns(), self._problems, self._state, **more))
-        if not self._warned and self._node.get_node_names().count(NAME) > 1:
+        own = (self._node.get_name(), self._node.get_namespace())
+        if not self._warned and self._node.get_node_names_and_namespaces().count(own) > 1:
             self._warned = True
-            self._log.warning(f"another node is named {NAME}: set another ROS_DOMAIN_ID for one")
+            name = self._node.get_fully_qualified_name()
+            self._log.warning(f"another node is named {name}: set another ROS_DOMAIN_ID for one, "
+                              "or a namespace (--ros-args -r __ns:=/NAME)")  # fmt: skip
 
     def _publish_state(self, state: str) -> None:
         self._publish(Message(STATE, 0, {"data": state}))
@@ -316,17 +332,29 @@ def fill(message: Ros, fields: JsonObject) -> None:
             setattr(message, name, bytes([value]) if types[name] == "octet" else value)
 
 
-def run(lifts: Lifts) -> int:
-    """Run the node until a signal; returns the exit code."""
+def own_name(topic: str) -> str:
+    """A topic of the node relative to its name, so that namespace and remapping reach it."""
+    return topic.replace(f"/{NAME}/", "~/", 1)
+
+
+def run(lifts: Lifts, ros_args: Sequence[str] = ()) -> int:
+    """Run the node until a signal; returns the exit code. Raises UsageError for arguments that ROS
+    refuses."""
     # a node that can move an arm is not offered to a network unless somebody asks for that
     if os.environ.setdefault(DISCOVERY, LOCALHOST) == LOCALHOST:
         name = OLD_PROFILE if os.environ.get("ROS_DISTRO") in OLD else PROFILE
         os.environ.setdefault(name, str(config_dir() / "ros" / "loopback.xml"))
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    given = ["--ros-args", *ros_args] if ros_args else []
+    try:
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy has a class for each layer
+        problem = f"ROS 2 does not start: {one_line(str(error))}"
+        raise UsageError(problem, "check --ros-args and the ROS_... variables") from None
     try:
         with signals.deferred():
             node = GraspNode(lifts)
-            exits.report_line(f"ROS 2 node /{NAME} on rig {lifts.rig}, Ctrl-C ends it")
+            name = node.name
+            exits.report_line(f"ROS 2 node {name} on rig {lifts.rig}, Ctrl-C ends it")
             node.spin()
     finally:
         rclpy.try_shutdown()

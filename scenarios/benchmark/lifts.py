@@ -2,9 +2,9 @@
 
 Half of the lifts start with a grip that is too weak, half with a sufficient one, and a quarter of
 the objects are fragile: those break at a multiple of the force that they need, so the hand responds
-with `stop_and_step`. A lift is done right if the object is held at the end, no slip of 2 mm or more
-was missed, nothing was registered before slip began, the slip is below 20 mm, and a fragile object
-is whole.
+with `stop_and_step`. A lift is right if the object is held at the end, no slip of 2 mm or more
+was missed, nothing was registered before slip began, and a fragile object is whole. Its quality
+falls with the slip, to 0 at 20 mm.
 """
 
 import math
@@ -43,7 +43,6 @@ from scenarios.world.truth import Truth
 
 MISSED_M = 0.002  # a slip of this that was never registered
 TOO_FAR_M = 0.02  # a slip of this is too much, however it ended: lost contact also closes the hand
-SMOOTH_M = 0.0001  # texture rms; slip on smoother surfaces causes little vibration
 FRAGILE = {"controller.slip_response": "stop_and_step", "controller.margin_steps": 1}
 RIGHT, TOO_EARLY, GROUNDLESS, MISSED, SLID, LOST, CRUSHED, STUCK, CHEATED, FAILED = (
     "right", "answered before slip", "answered without slip", "missed", "slid 20 mm", "lost",
@@ -53,30 +52,29 @@ ORACLE_RULE = RuleSettings(consecutive=1, release=1)
 
 
 class LiftTask(msgspec.Struct, frozen=True):
-    """One lift. ``oracle_s``: delay of an ideal detector that replaces the configured one."""
+    """One lift. ``oracle_s``: delay of an ideal detector that replaces the configured one; longer
+    than a lift for one that never registers."""
 
     config: LiftConfig  # of the detector, with any object and hand
     seed: int
+    number: int  # among the lifts of the split
     oracle_s: float | None = None
     checked: bool = False  # repeat the detector on the counts alone
 
 
 class LiftRow(msgspec.Struct, frozen=True, kw_only=True):
     """Result of one lift. ``delay_ms``: from the onset of slip to its registration, infinite if
-    missed; None without slip. ``over_least``: force at the end over the least that holds."""
+    missed; None without slip."""
 
-    seed: int
-    weak: bool
-    fragile: bool
-    smooth: bool
     cause: str  # RIGHT, or what went wrong
     delay_ms: float | None
     slip_mm: float | None
-    over_least: float | None
 
     @property
-    def right(self) -> bool:
-        return self.cause == RIGHT
+    def quality(self) -> float:
+        """From 0 to 1."""
+        slip_mm = self.slip_mm or 0.0
+        return max(0.0, 1.0 - 1e-3 * slip_mm / TOO_FAR_M) if self.cause == RIGHT else 0.0
 
 
 class Grip(msgspec.Struct, frozen=True):
@@ -149,7 +147,7 @@ def is_fragile(number: int) -> bool:
 
 def run_lift(task: LiftTask) -> LiftRow:
     """Run and judge one lift."""
-    number = _number(task.seed)
+    number = task.number
     config, grip = sampled(task.config, task.seed, number)
     forces: list[float] = []
 
@@ -169,13 +167,9 @@ def run_lift(task: LiftTask) -> LiftRow:
     honest = not (task.checked and isinstance(detector, RepeatableDetector)) or detector.repeats(
         config.make_detector(FINGERS)
     )
-    end = trial.trace.end
     return LiftRow(
-        seed=task.seed, weak=is_weak(number), fragile=is_fragile(number),
-        smooth=config.object.texture_rms_m < SMOOTH_M,
         cause=cause if honest else CHEATED, delay_ms=_delay_ms(result, cause),
         slip_mm=None if result.slip_distance_m is None else 1e3 * result.slip_distance_m,
-        over_least=end.normal_n[0] / grip.least_n if end is not None and cause == RIGHT else None,
     )  # fmt: skip
 
 
@@ -209,12 +203,6 @@ def _delay_ms(result: LiftResult, cause: str) -> float | None:
         small = (result.slip_distance_m or 0.0) < MISSED_M
         return None if small and cause == RIGHT else math.inf
     return 0.0 if onset_s is None else max(0.0, 1e3 * (registered_s - onset_s))
-
-
-def _number(seed: int) -> int:
-    protocol = load_protocol()
-    first = max(s.first for s in protocol.splits.values() if s.first <= seed)
-    return seed - first
 
 
 def sampled(config: LiftConfig, seed: int, number: int) -> tuple[LiftConfig, Grip]:
@@ -258,6 +246,6 @@ def _grip(config: LiftConfig, seed: int, ranges: LiftRanges) -> Grip:
 def tasks(config: LiftConfig, split: SplitName, checked: int) -> list[LiftTask]:
     """All lifts of a split; the first ``checked`` repeat the detector on the counts alone."""
     return [
-        LiftTask(config, seed, checked=number < checked)
+        LiftTask(config, seed, number, checked=number < checked)
         for number, seed in enumerate(load_protocol().lift_seeds(split))
     ]

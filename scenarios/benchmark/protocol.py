@@ -1,6 +1,5 @@
 """The benchmark's protocol: its splits, seeds, recordings and lifts, from config/benchmark."""
 
-import datetime
 import hashlib
 from typing import Any, Literal
 
@@ -78,23 +77,6 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 def load_protocol() -> Protocol:
     """The packaged protocol. Raises ConfigError."""
     return load(Protocol, [read_toml(config_dir() / "benchmark" / "protocol.toml")])
-
-
-class Evaluated(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One evaluation of a candidate for the package on the split `test`."""
-
-    date: datetime.date
-    detector: str
-    digest: str  # `detector_hash` of weights and rule
-
-
-class _Evaluations(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    test: list[Evaluated] = []
-
-
-def load_evaluated() -> list[Evaluated]:
-    """All evaluations on the split `test`, from config/benchmark. Raises ConfigError."""
-    return load(_Evaluations, [read_toml(config_dir() / "benchmark" / "evaluated.toml")]).test
 
 
 def check_digest(protocol: Protocol, split: SplitName) -> None:

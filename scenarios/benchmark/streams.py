@@ -15,70 +15,50 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, registered_events
-from detector.recordings import Recording, read
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Streamed,
-    cause_of,
-    scored_samples,
-    stream,
-)
-from detector.scores.events import (
-    MERGE_GAP_S,
-    EventOutcomes,
-    delay_quantile_ms,
-    false_rate,
-    recall,
-    score_events,
-    slides_of,
-    true_events,
-)
+from detector.recordings import MOVED_M, read
+from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, scored_samples, stream
+from detector.scores.events import MERGE_GAP_S, EventOutcomes, score_events, slides_of, true_events
 from detector.scores.figures import Figure, figure, samples_of
-from detector.scores.impacts import FAR_M, SOON_MS, UNMOVED_M, Impact, impact_delays, impacts_of
-from detector.scores.metrics import Confusion, Floats, Labels, confusion
+from detector.scores.impacts import WATCHED_S, Impact, impact_delays, impacts_of
+from detector.scores.metrics import Floats, Labels
 from drivers.errors import UsageError
-from drivers.interfaces import PERIOD_S
 from scenarios.acquire.datasets.build import Progress, build
 from scenarios.acquire.datasets.causes import LEAST_SLIP_M
-from scenarios.benchmark.lifts import SMOOTH_M
 from scenarios.benchmark.protocol import Protocol, SplitName
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
 R = TypeVar("R")
-# forces that the hand or arm changes by itself, and other causes without slip
-ACTUATION = (
-    "force_steps", "contact_made_and_broken", "arm_vibration", "grasped_closing_and_tightening",
-    "grasped_lift_acceleration", "grasped_set_down", "grasped_arm_vibration",
-)  # fmt: skip
-SLIDES = ("paper", "sliding")  # sets with slip of known onset
+TAPS, QUARTER = "mallet", 4  # set of taps; a quick run has a quarter of it
 LASTING_S, LOOKED_S = 0.2, 2.0  # after onset: where the status is looked at
 FAST_MPS = 0.01  # slides slower than that are not counted as lasting slip
-SPEEDS_MPS = {
-    "10-20 mm/s": (FAST_MPS, 0.02), "20-50 mm/s": (0.02, 0.05), "above 50 mm/s": (0.05, math.inf),
-}  # fmt: skip
+# in this time an object that slides at the speed of a lift, 0.1 m/s, moves `lifts.TOO_FAR_M`
+TOO_LATE_MS = 200.0
 AGAIN_S = 1.0  # from the first motion of a tap until the status is nominal, or the next disturbance
 NO_RESULT_S = 300.0  # of all workers; the longest recording or lift takes a tenth of it
 
 
 class Tap(msgspec.Struct, frozen=True):
-    """One tap by one rule. ``delay_ms``: of those that moved the object by 2 mm; else None."""
+    """One tap by one rule. ``delay_ms``: of those that moved the object by 1 mm; else None."""
 
     recording: int
-    smooth: bool
     moved: bool
-    right: bool
+    quality: float  # from 0 to 1
     delay_ms: float | None
 
 
 def ensure_recordings(
     protocol: Protocol, split: SplitName, folder: Path, workers: Workers,
-    progress: Progress, layout: str = "",
+    progress: Progress, layout: str = "", quick: bool = False,
 ) -> dict[str, list[Path]]:  # fmt: skip
-    """Build what is missing of a split's recordings; returns their files by set. Raises UsageError
-    for a folder with other content."""
+    """Build what is missing of a split's recordings; returns their files by set. ``quick``: the
+    first quarter of the taps. Raises UsageError for a folder with other content."""
     plans = {name: protocol.jobs(name, split, layout) for name in protocol.recordings}
+    folders = {name: folder / name for name in plans}
+    if quick:
+        plans[TAPS] = plans[TAPS][: len(plans[TAPS]) // QUARTER]
+        folders[TAPS] = folder / f"{TAPS}-quick"
     total, before = sum(map(len, plans.values())), 0
     for name, jobs in plans.items():
         origin = protocol.dataset(name, split, layout)
@@ -86,9 +66,9 @@ def ensure_recordings(
         def shown(done: int, of: int, before: int = before) -> None:
             progress(before + done, total)
 
-        build(jobs, origin, folder / name, workers, shown)
+        build(jobs, origin, folders[name], workers, shown)
         before += len(jobs)
-    return {name: [folder / name / job.path for job in jobs] for name, jobs in plans.items()}
+    return {name: [folders[name] / job.path for job in jobs] for name, jobs in plans.items()}
 
 
 def _probabilities(config: TrialConfig, path: Path) -> Floats:
@@ -136,39 +116,15 @@ def stream_files(
     }
 
 
-def score_streams(
-    sets: dict[str, list[Streamed]], rule: RuleSettings, threshold: float
-) -> dict[str, Figure]:
-    """Figures of a rule by name; ``threshold`` is that of single samples."""
-    judged = {name: [slide_outcomes(s, rule) for s in each] for name, each in sets.items()}
-    slides = [outcomes for name in SLIDES for outcomes in judged[name]]
-    every = [outcomes for each in judged.values() for outcomes in each]
-    causes = [cause_of(s.recording) for each in sets.values() for s in each]
-    actuated = [o for o, cause in zip(every, causes, strict=True) if cause in ACTUATION]
-    parts = [scored_samples(s, rule) for s in sets["paper"]]
-    lasting = [_lasting(s, rule) for s in sets["sliding"]]
-
-    def reported(keep: Callable[[Slide], bool]) -> Figure:
-        return figure(_reported, [[x for x in each if keep(x)] for each in lasting])
-
+def score_streams(sets: dict[str, list[Streamed]], rule: RuleSettings) -> dict[str, Figure]:
+    """Figures of a rule by name."""
+    every = [slide_outcomes(s, rule) for each in sets.values() for s in each]
     return {
-        "auc": samples_of(parts).auc(),
-        "balanced_accuracy": figure(_balanced, [confusion(p > threshold, y) for p, y in parts]),
-        "recall": figure(recall, slides),
-        "delay_p50_ms": figure(delay_quantile_ms, slides),
-        "delay_p90_ms": figure(partial(delay_quantile_ms, share=0.9), slides),
-        "false_per_min": figure(false_rate, every),
-        "false_per_min_actuation": figure(false_rate, actuated),
+        "auc": samples_of([scored_samples(s, rule) for s in sets["paper"]]).auc(),
         "lingering": figure(_lingering, every),  # share of the time without slip
-        "sustained": reported(lambda x: True),  # share of lasting slip that is reported
-        **{
-            f"sustained, {name}": reported(lambda x, low=low, high=high: low <= x.speed_mps < high)  # type: ignore[misc]
-            for name, (low, high) in SPEEDS_MPS.items()
-        },
-        "sustained_smooth": reported(lambda x: x.smooth),
-        "sustained_rough": reported(lambda x: not x.smooth),
-        "dropped_per_s": figure(_dropped, lasting),  # times that the status is nominal again
-    }  # fmt: skip
+        # share of lasting slip that is reported
+        "sustained": figure(_reported, [_lasting(s, rule) for s in sets["sliding"]]),
+    }
 
 
 def slide_outcomes(s: Streamed, rule: RuleSettings) -> EventOutcomes:
@@ -187,32 +143,12 @@ def slide_outcomes(s: Streamed, rule: RuleSettings) -> EventOutcomes:
     return msgspec.structs.replace(found, delays_ms=np.maximum(found.delays_ms, 0.0))
 
 
-def _balanced(cells: Sequence[Confusion]) -> float | None:
-    return Confusion(*np.sum([msgspec.structs.astuple(c) for c in cells], axis=0)).balanced_accuracy
-
-
 def _lingering(outcomes: Sequence[EventOutcomes]) -> float | None:
     seconds = sum(o.hand_s for o in outcomes)
     return sum(o.lingering_s for o in outcomes) / seconds if seconds else None
 
 
 # Slip that lasts
-
-
-class Slide(msgspec.Struct, frozen=True):
-    """A slide from LASTING_S to LOOKED_S after its onset."""
-
-    speed_mps: float  # mean
-    smooth: bool
-    samples: int
-    reported: int  # samples with slip registered
-    drops: int  # times that the status became nominal
-
-
-def is_smooth(recording: Recording) -> bool:
-    """Whether the held object is smoother than SMOOTH_M."""
-    known = recording.metadata.object if recording.metadata else {}
-    return float(known.get("texture_rms_m", 1.0)) < SMOOTH_M  # type: ignore[arg-type]
 
 
 def registered(s: Streamed, rule: RuleSettings) -> Labels:
@@ -223,66 +159,59 @@ def registered(s: Streamed, rule: RuleSettings) -> Labels:
     return on
 
 
-def _lasting(s: Streamed, rule: RuleSettings) -> list[Slide]:
-    r, slides = s.recording, []
+def _lasting(s: Streamed, rule: RuleSettings) -> Labels:
+    """Samples (n,) of lasting slip, from LASTING_S to LOOKED_S after its onset: whether slip is
+    registered."""
+    r, on, seen = s.recording, registered(s, rule), [np.zeros(0, np.bool_)]
     if r.slip_true is None or r.contact_speed_mps is None:
-        return []
-    on = registered(s, rule)
+        return seen[0]
     for first, after in true_events(r.slip_true, r.t_s, MERGE_GAP_S):
         begin, end = np.searchsorted(r.t_s, r.t_s[first] + np.array([LASTING_S, LOOKED_S]))
-        seen = on[begin : min(end, after)]
-        speed_mps = float(r.contact_speed_mps[first:after].mean())
-        if len(seen) and first >= WARM_UP_SAMPLES and speed_mps >= FAST_MPS:
-            drops = int((seen[:-1] & ~seen[1:]).sum())
-            slides.append(Slide(speed_mps, is_smooth(r), len(seen), int(seen.sum()), drops))
-    return slides
+        if first >= WARM_UP_SAMPLES and r.contact_speed_mps[first:after].mean() >= FAST_MPS:
+            seen.append(on[begin : min(end, after)])
+    return np.concatenate(seen)
 
 
-def _reported(chosen: Sequence[Sequence[Slide]]) -> float | None:
-    samples = sum(slide.samples for each in chosen for slide in each)
-    return sum(x.reported for each in chosen for x in each) / samples if samples else None
-
-
-def _dropped(chosen: Sequence[Sequence[Slide]]) -> float | None:
-    seconds = PERIOD_S * sum(slide.samples for each in chosen for slide in each)
-    return sum(x.drops for each in chosen for x in each) / seconds if seconds else None
+def _reported(chosen: Sequence[Labels]) -> float | None:
+    every = np.concatenate(chosen)
+    return float(every.mean()) if len(every) else None
 
 
 # Taps
 
 
 def score_taps(streams: Sequence[Streamed], rule: RuleSettings) -> list[Tap]:
-    """All taps of the set `mallet` that moved the object by 2 mm or more, or by less than 0.5 mm.
-
-    Right means: slip registered within 100 ms of the first motion, and the status nominal again
-    within 1 s or before the next disturbance; or nothing registered."""
+    """All taps of the set `mallet`. The quality of one that moved the object by 1 mm falls with
+    the delay from the first motion, to 0 at TOO_LATE_MS or if the status is not nominal again
+    within 1 s or before the next disturbance. After others nothing may be registered."""
     taps = []
     for number, s in enumerate(streams):
         impacts = _impacts(s)
         events, t_s = registered_events(s.probabilities, rule), s.recording.t_s
         on, delays_ms = registered(s, rule), impact_delays(events, impacts, t_s)
         for k, (tap, delay_ms) in enumerate(zip(impacts, delays_ms.tolist(), strict=True)):
-            moved = tap.moved_m >= FAR_M
-            if not moved and tap.moved_m >= UNMOVED_M:
-                continue
             until_s = t_s[tap.onset] + AGAIN_S
             following = impacts[k + 1].start if k + 1 < len(impacts) else len(t_s)
             last = min(int(np.searchsorted(t_s, until_s)), following) - 1
-            answered = delay_ms <= SOON_MS and not on[last]
-            right = answered if moved else not on[tap.start : tap.end].any()
-            smooth = is_smooth(s.recording)
-            taps.append(Tap(number, smooth, moved, right, delay_ms if moved else None))
+            moved = tap.moved_m >= MOVED_M
+            fails = on[last] if moved else on[tap.start : tap.end].any()
+            quality = 0.0 if fails else _promptness(delay_ms) if moved else 1.0
+            taps.append(Tap(number, moved, quality, delay_ms if moved else None))  # fmt: skip
     return taps
 
 
 def oracle_taps(streams: Sequence[Streamed], delay_ms: float) -> list[Tap]:
     """The same taps, with slip registered that long after the first motion and never without."""
+    delay_ms = delay_ms if delay_ms < 1e3 * WATCHED_S else math.inf
     return [
-        Tap(number, is_smooth(s.recording), moved, not moved or delay_ms <= SOON_MS,
-            delay_ms if moved else None)
+        Tap(number, moved, _promptness(delay_ms) if moved else 1.0, delay_ms if moved else None)
         for number, s in enumerate(streams) for tap in _impacts(s)
-        for moved in [tap.moved_m >= FAR_M] if moved or tap.moved_m < UNMOVED_M
+        for moved in [tap.moved_m >= MOVED_M]
     ]  # fmt: skip
+
+
+def _promptness(delay_ms: float) -> float:
+    return min(max(1.0 - delay_ms / TOO_LATE_MS, 0.0), 1.0)
 
 
 def _impacts(s: Streamed) -> list[Impact]:

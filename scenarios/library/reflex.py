@@ -33,5 +33,6 @@ def make_reflex(config: TrialConfig) -> Reflex:
         controller = ReflexController(*controller_parts(config))
         return make_step(config, controller, monitors=monitors, detector=detector)
 
-    least_n = calibration(config).least_force_n
-    return Reflex(config.controller, parts, config.guard, config.arm.max_speed_mps, least_n)
+    least_n, taxels = calibration(config).least_force_n, config.tactile.taxels
+    most_mps = config.arm.max_speed_mps
+    return Reflex(config.controller, parts, config.guard, most_mps, least_n, taxels)

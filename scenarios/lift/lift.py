@@ -20,7 +20,6 @@ from scenarios.lift.scoring import (
 )
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
-from scenarios.rigs.simulated import cell_settings
 from scenarios.trial import operator_prompts
 from scenarios.trial.execution import FinishedTrial, Watch, make_guard, run_trial
 from scenarios.trial.experiment import Experiment
@@ -81,7 +80,7 @@ class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
             reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
             slip_distance_m=slip_distance_m(facts),
             turned_rad=end.turn_rad if end else None,
-            over_least=_over_least(config, seed, end),
+            over_least=_over_least(config, end),
             settled_force_n=named(end.normal_n) if end else None,
             alarm_stayed=trial.controller.alarm_stayed,
             recording=recording,
@@ -126,12 +125,11 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     return facts
 
 
-def _over_least(config: LiftConfig, seed: int, end: Truth | None) -> float | None:
+def _over_least(config: LiftConfig, end: Truth | None) -> float | None:
     if end is None or not end.touched:
         return None
-    body = cell_settings(config, seed)[0].body
     accelerated = GRAVITY_MPS2 + config.controller.lift_acceleration_mps2
-    return end.normal_n[0] / body.least_holding_n(accelerated)
+    return end.normal_n[0] / config.object.least_holding_n(accelerated)
 
 
 def _contact_lost(config: LiftConfig, trial: FinishedTrial) -> bool:

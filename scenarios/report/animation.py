@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGER_NAMES
-from scenarios.report.export import COLOURS, LIMIT_COLOUR, pyplot, title
+from scenarios.report.export import COLOURS, LIMIT_COLOUR, Floats, pyplot, title
 from scenarios.report.page import palette
 from scenarios.report.run_record import RunRecord, TrueWorld, read_run
 
@@ -48,7 +49,7 @@ def animate_run(path: Path, out: Path) -> None:
         width_ratios=(1, 1.6), layout="constrained",
     )  # fmt: skip
     figure.suptitle(f"{title(run)} ({SLOWER:.0f} times slower)", fontsize=9)
-    draws = [_sketch(axes["hand"], run, truth), *_curves(axes, run, truth, steps)]
+    draws = [_motion(axes["hand"], run, truth), *_curves(axes, run, truth, steps)]
 
     def show(frame: int) -> list[Any]:
         for draw in draws:
@@ -60,7 +61,40 @@ def animate_run(path: Path, out: Path) -> None:
     plt.close(figure)
 
 
-def _sketch(axes: Any, run: RunRecord, truth: TrueWorld) -> Draw:
+def frame_drawer() -> Callable[[float, Floats, str], NDArray[np.uint8]]:
+    """A function that draws one picture (height, width, 3) from the slip distance in m, the true
+    forces of the fingers in N, and a text. Raises UsageError without matplotlib."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        remedy = "pip install 'grasp-controller[exports]'"
+        raise UsageError("pictures need matplotlib, which is not installed", remedy) from None
+    canvas = FigureCanvasAgg(Figure(figsize=(2.8, 3.8), dpi=100, layout="constrained"))
+    sketch = _sketch(canvas.figure.subplots())
+
+    def draw(slip_m: float, normal_n: Floats, text: str) -> NDArray[np.uint8]:
+        sketch(slip_m, normal_n, text)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        return np.array(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
+
+    return draw
+
+
+def _motion(axes: Any, run: RunRecord, truth: TrueWorld) -> Draw:
+    """The sketch of a recorded control step."""
+    sketch = _sketch(axes)
+    begins = [change.t_ns * 1e-9 for change in run.phases]
+
+    def draw(i: int) -> None:
+        phase = run.phases[np.searchsorted(begins, run.t_s[i] + 1e-9, side="right") - 1].phase
+        text = f"{phase}\n{1e3 * (run.t_s[i] - (truth.onset_s or 0.0)):+.0f} ms"
+        sketch(truth.slip_m[i], truth.normal_n[i], text)
+
+    return draw
+
+
+def _sketch(axes: Any) -> Callable[[float, Floats, str], None]:
     """Side view in the frame of the hand: the object sinks by the true slip distance, and each
     arrow is as long as the true force of the fingers on its side."""
     low = -4 * HALF_HEIGHT_MM
@@ -82,19 +116,16 @@ def _sketch(axes: Any, run: RunRecord, truth: TrueWorld) -> Draw:
         arrows.append((arrow, edge + side * 3.2, side, list(fingers)))
     text = axes.text(0, HALF_HEIGHT_MM - 1, "", ha="center", va="top", fontsize=9,
                      bbox={"facecolor": "white", "edgecolor": "none"})  # fmt: skip
-    begins = [change.t_ns * 1e-9 for change in run.phases]
 
-    def draw(i: int) -> None:
-        down = -1e3 * truth.slip_m[i]
+    def draw(slip_m: float, normal_n: Floats, words: str) -> None:
+        down = -1e3 * slip_m
         stripes.set_segments(
             [((-HALF_OBJECT_MM, y + down), (HALF_OBJECT_MM, y + down)) for y in marks]
         )
         for arrow, start, side, fingers in arrows:
-            arrow.set_position(
-                (start + side * LENGTH_MM_A_N * max(0.2, truth.normal_n[i, fingers].sum()), 0)
-            )
-        phase = run.phases[np.searchsorted(begins, run.t_s[i] + 1e-9, side="right") - 1].phase
-        text.set_text(f"{phase}\n{1e3 * (run.t_s[i] - (truth.onset_s or 0.0)):+.0f} ms")
+            length_mm = LENGTH_MM_A_N * max(0.2, normal_n[fingers].sum())
+            arrow.set_position((start + side * length_mm, 0))
+        text.set_text(words)
 
     return draw
 

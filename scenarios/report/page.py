@@ -47,10 +47,10 @@ def _part(name: str) -> str:
 
 
 def palette(name: str) -> str:
-    """A colour of the pages' light scheme, such as ``finger0`` or ``limit``, as #rrggbb; raises
+    """A colour of the pages' light scheme, such as ``finger0`` or ``limit``; raises
     KeyError for another name."""
     light, _, _ = _part("page.css").partition("@media")
-    colours: dict[str, str] = dict(re.findall(r"--(\w+): (#\w{6})", light))
+    colours: dict[str, str] = dict(re.findall(r"--(\w+): ([^;]+)", light))
     return colours[name]
 
 
@@ -68,24 +68,21 @@ def _templates() -> Environment:
 
 # Plots, which the template `table.html` draws as SVG without scripts
 
+OF_PLOTS = (".chart", ".s0", ".soft", ".limit")  # begin the lines of their style
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """An axis from ``low`` to ``high``; values outside are drawn at its ends. ``log``:
-    logarithmic."""
+    """An axis from ``low`` to ``high``; values outside are drawn at its ends."""
 
     label: str
     low: float
     high: float
-    log: bool = False
 
     def share(self, value: float) -> float:
         """Position of a value, from 0 at ``low`` to 1 at ``high``."""
         inside = min(max(value, self.low), self.high)
-        if self.log:
-            return math.log(inside / self.low) / math.log(self.high / self.low)
         return (inside - self.low) / (self.high - self.low)
 
     def x(self, value: float) -> float:
@@ -95,10 +92,7 @@ class Axis(msgspec.Struct, frozen=True):
         return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
 
     def ticks(self) -> list[float]:
-        """About five round numbers, or the powers of ten."""
-        if self.log:
-            first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
-            return [10.0**i for i in range(first, last + 1)]
+        """About five round numbers."""
         rough = (self.high - self.low) / TICKS
         unit = 10.0 ** math.floor(math.log10(rough))
         step = next(m * unit for m in (1.0, 2.0, 5.0, 10.0) if m * unit >= rough * 0.999)
@@ -106,24 +100,47 @@ class Axis(msgspec.Struct, frozen=True):
         return [i * step for i in range(first, last + 1)]
 
 
+class Mark(msgspec.Struct, frozen=True):
+    """A highlighted point with its text and the interval of y: a dot, or a ring."""
+
+    x: float
+    y: float
+    text: str
+    low: float
+    high: float
+    hollow: bool = False
+
+
 class Curve(msgspec.Struct, frozen=True):
-    """A line of a plot. ``style``: a class of `page.css`; empty: the next colour. ``dot``: a
-    highlighted point."""
+    """A line of a plot. ``style``: a class of `page.css`; empty: the next colour."""
 
     name: str
     points: Sequence[tuple[float, float]]
     style: str = ""
-    dot: tuple[float, float] | None = None
+    marks: Sequence[Mark] = ()
 
 
 class Plot(msgspec.Struct, frozen=True):
-    """A plot of curves; the ``spans`` of x are shaded."""
+    """A plot of curves; the ``spans`` of x are shaded. ``hint``: how to read it."""
 
     title: str
     x: Axis
     y: Axis
     curves: Sequence[Curve]
     spans: Sequence[tuple[float, float]] = ()
+    hint: str = ""
+
+    @property
+    def height(self) -> int:
+        """With the axis and two columns of the legend."""
+        return 206 + 14 * math.ceil(len(self.curves) / 2)
+
+
+def plot_svg(plot: Plot) -> str:
+    """The plot as an SVG file, in colours that need no style sheet."""
+    lines = [line for line in _part("page.css").splitlines() if line.startswith(OF_PLOTS)]
+    style = re.sub(r"var\(--(\w+)\)", lambda name: palette(name[1]), "\n".join(lines))
+    return _templates().get_template("plot.svg").render(it=plot, style=Markup(style))
 
 
 # Tables

@@ -34,7 +34,7 @@ from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_settings import scenario_of
 from scenarios.tap.scoring import TapResult
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.run_folder import RESULT, open_trial
+from scenarios.trial.run_folder import POLICY, RESULT, open_trial
 from scenarios.world.truth import Truth
 
 Floats = NDArray[np.float64]
@@ -120,6 +120,8 @@ def read_run(path: Path) -> RunRecord:
     times = [t_ns for t_ns, _ in steps]
     states: list[GripperState] = [state for _, state in recording.of(GRIPPER)]
     verdict, problem = _verdict(recording.path, TapResult if "tap" in settings else LiftResult)
+    if POLICY in recording.metadata:
+        problem = "An episode of a policy has no verdict."
 
     def flags(name: str) -> Flags:
         return np.array([getattr(message, name) for _, message in steps])

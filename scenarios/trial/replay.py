@@ -44,7 +44,7 @@ from grasp.settings import Layer, load
 from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
-from scenarios.trial.run_folder import open_trial
+from scenarios.trial.run_folder import POLICY, open_trial
 
 # Excludes the mode (in byte 0), individual scissor control (in byte 1), and the scissor's bytes
 _COMPARED = (0b11111001, 0b11110111, *[FULL_BYTE] * 10, 0, 0, 0, FULL_BYTE)
@@ -177,6 +177,9 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
     ``detector``: path of the user's code or weights that it was recorded with.
     """
     recording = open_trial(path)
+    if POLICY in recording.metadata:
+        remedy = "`grasp report` shows it; give a lift or a tap"
+        raise BadFile(recording.path, "an episode of a policy cannot be replayed", remedy)
     config, settings, home = _settings(recording, detector)
     stepper = _Stepper(config, home)
     stepper.compare(0, "hash of the settings", recording.metadata.get("config_hash"), settings)

@@ -29,6 +29,7 @@ WrittenT = TypeVar("WrittenT", bound=msgspec.Struct)  # with `started`
 RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
+POLICY = "policy"  # metadata of an episode of somebody else's policy, which has no result
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
@@ -135,6 +136,11 @@ class RunFolder:
         self._recorder.close()
         if self._recorder.empty or self._recorder.failure is not None:
             self._remove()
+
+    def check(self) -> None:
+        """Raise CouldNotRecord if a message could not be recorded."""
+        if self._recorder.failure is not None:
+            raise could_not_record(self.path, self._recorder.failure)
 
     def _remove(self) -> None:
         """Remove recording and folder; other files that were put into the folder stay."""

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 import pytest
 
 from scenarios.campaign.config import load_config
-from tests.wire.lab import PATIENCE_S, Lab, emulate, started
+from tests.wire.lab import Lab, emulate, started
+from tests.wire.waiting import PATIENCE_S
 
 TRUE_N = 12.5  # of byte 0 of this hand
 STRANGE = ("--set", f"hand.least_force_n={TRUE_N}", "--set", "hand.force_exponent=1.3")

@@ -17,14 +17,8 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.wire.scenarios.campaigns import (
-    PATIENCE_S,
-    finished,
-    rows,
-    started,
-    until,
-    workers_of,
-)
+from tests.wire.scenarios.campaigns import finished, rows, started, workers_of
+from tests.wire.waiting import PATIENCE_S, until
 
 SEED = 1700
 SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGSEGV)

@@ -10,14 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.wire.scenarios.campaigns import (
-    PATIENCE_S,
-    campaign_file,
-    finished,
-    rows,
-    started,
-    until,
-)
+from tests.wire.scenarios.campaigns import campaign_file, finished, rows, started
+from tests.wire.waiting import PATIENCE_S, until
 
 pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[2]

@@ -6,17 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.wire.lab import (
-    ALONE,
-    CONFIRMED,
-    HARDWARE,
-    PATIENCE_S,
-    Lab,
-    emulate,
-    sets,
-    started,
-    until,
-)
+from tests.wire.lab import ALONE, CONFIRMED, HARDWARE, Lab, emulate, sets, started
+from tests.wire.waiting import PATIENCE_S, until
 
 
 def test_ctrl_c_stops_the_activation_and_leaves_the_hand_inactive(tmp_path: Path) -> None:

@@ -152,7 +152,8 @@ def test_services_during_and_after_a_lift(client: Client, start: Start, tmp_path
     assert client.trigger("stop") == (True, "nothing is running")
     handle = client.send_lift()
     client.until(lambda: states[-1].data == "lift", "the lift")
-    assert not client.send_lift().accepted
+    refused = client.result(client.send_lift().get_result_async(), "the refusal")
+    assert refused.status == ABORTED and refused.result.sequence[0] == 0
     assert client.trigger("release") == (False, "refused: a lift or a release is running")
     assert client.trigger("stop")[0]
     result = client.result(handle.get_result_async(), "the end")
@@ -207,9 +208,42 @@ def test_two_nodes_of_one_name_both_work_and_warn(client: Client, start: Start) 
     client.until(lambda: client.node.get_node_names().count("grasp") == 2, "two nodes")
     for node in (first, second):
         assert node.stderr is not None
-        assert any("another node is named grasp" in line for line in node.stderr)
+        assert any("another node is named /grasp" in line for line in node.stderr)
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE_S) == 0
+
+
+def test_two_cells_of_one_domain_have_namespaces(client: Client, start: Start) -> None:
+    from std_srvs.srv import Trigger
+
+    cells = ["/left", "/right"]
+    for cell in cells:
+        start("--rig", "simulated", "--ros-args", "-r", f"__ns:={cell}")
+    for cell in cells:
+        answer = client.call(Trigger, f"{cell}/grasp/stop", Trigger.Request())
+        assert answer.message == "nothing is running"
+    topics = {name for name, _ in client.node.get_topic_names_and_types()}
+    assert {f"{cell}/grasp/finger_a/wrench" for cell in cells} <= topics
+
+
+def test_a_lift_stops_when_its_client_is_gone_if_asked(
+    client: Client, start: Start, domain: int, tmp_path: Path
+) -> None:
+    start("--rig", "emulated", "--stop-without-client")
+    states = client.follow_state()
+    leaves = Client(domain)
+    leaves.send_lift()
+    client.until(lambda: states[-1].data == "lift", "the lift")
+    leaves.close()
+    client.until(lambda: states[-1].data == "idle", "idle")
+    (ended,) = results(tmp_path)
+    assert ended_safely(ended) and not ended["end"]["open"]
+
+
+def test_arguments_that_ros_refuses_are_one_line(start: Start) -> None:
+    node = start("--rig", "simulated", "--ros-args", "-r", "no rule")
+    assert node.wait(PATIENCE_S) == 2
+    assert node.stderr is not None and "ROS 2 does not start" in node.stderr.read()
 
 
 def test_a_hand_left_closed_on_real_devices_is_opened_by_the_service(

@@ -9,7 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+TRAINING = EXAMPLES / "train_ppo.py"  # needs torch, and minutes
+SCRIPTS = sorted({*EXAMPLES.glob("*.py")} - {TRAINING})
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 MOST_LINES = 40
 
@@ -24,6 +25,16 @@ def test_example_scripts_run_and_print(
     runpy.run_path(str(script), run_name="__main__")
     out, err = capsys.readouterr()
     assert out and err == ""
+
+
+@pytest.mark.train
+def test_the_training_example_trains_and_compares(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", [str(TRAINING), "--decisions", "1", "--episodes", "1"])
+    runpy.run_path(str(TRAINING), run_name="__main__")
+    out, _ = capsys.readouterr()
+    assert out.count("held") == 4 and "careless policy: held 0%" in out
 
 
 def run_notebook(path: Path) -> list[Any]:

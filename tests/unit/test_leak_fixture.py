@@ -40,12 +40,6 @@ def test_socket():
     kept.append(socket.create_server(("127.0.0.1", 0)))
 
 
-def test_connection():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        kept.append(socket.create_connection(server.getsockname()))
-        kept.append(server.accept()[0])
-
-
 def test_far_away():
     with socket.socket() as far, pytest.raises(AssertionError, match="loopback only"):
         far.connect(("192.0.2.1", 502))
@@ -121,22 +115,6 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 )
 def test_a_leak_fails_its_test(outcomes: dict[str, str], test: str, left: str) -> None:
     assert re.match(rf"Failed: left behind: {left}\b", outcomes[test])
-
-
-def test_a_leaked_socket_is_reported_with_its_addresses_and_origin(
-    outcomes: dict[str, str],
-) -> None:
-    assert re.search(
-        r"at \('127.0.0.1', \d+\), made at test_planted.py:\d+ test_socket\b",
-        outcomes["test_socket"],
-    )
-    ends = re.findall(
-        r"at \('127.0.0.1', (\d+)\) to \('127.0.0.1', (\d+)\), made at "
-        r"test_planted.py:\d+ test_connection\b",
-        outcomes["test_connection"],
-    )
-    (one, other), back = ends
-    assert back == (other, one)
 
 
 @pytest.mark.parametrize(

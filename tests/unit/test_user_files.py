@@ -85,12 +85,6 @@ def test_an_object_with_the_name_of_a_held_out_one_is_refused(
 # Rigs
 
 
-def rig_file(folder: Path, like: str, more: str = "") -> str:
-    file = folder / f"cell-{like}.toml"
-    file.write_text(f'rig = "{like}"\n{more}')
-    return str(file)
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

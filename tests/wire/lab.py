@@ -28,11 +28,11 @@ from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.emulated import ControlClient
 from scenarios.rigs.wired import open_arm
 from tests.calibrations import OF_A_LAB
+from tests.wire.waiting import PATIENCE_S, until
 
 ROOT = Path(__file__).parents[2]
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
-PATIENCE_S = 120.0  # timeout of any event, also on a busy machine
 QUICK = (
     "hand.activation_s=0.1", "controller.hold_s=0.3", "controller.lift_height_m=0.08",
     "controller.lower_speed_mps=0.2", "controller.settle_s=0.2", "controller.baseline_s=0.2",
@@ -45,15 +45,6 @@ HARDWARE = ("--rig", "hardware")
 
 def sets(assignments: Sequence[str] = QUICK) -> list[str]:
     return [word for assignment in assignments for word in ("--set", assignment)]
-
-
-def until(condition: Callable[[], Any], what: str = "") -> Any:
-    """Wait until the condition is true; fails after PATIENCE_S."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not (found := condition()):
-        assert time.monotonic() < deadline, f"timeout: {what}"
-        time.sleep(0.01)
-    return found
 
 
 class CommandResult(NamedTuple):

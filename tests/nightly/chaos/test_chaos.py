@@ -37,7 +37,7 @@ from tests.nightly.chaos.proxy import (
     sample_plan,
 )
 from tests.nightly.lift_verdict import ObservedLift, problems
-from tests.wire.scenarios.cell.lift_with_fault import QUICK
+from tests.wire.lab import QUICK
 
 PLANS, FROM = int(os.environ.get("PLANS", "20")), int(os.environ.get("FROM", "0"))
 SLACK_S = 2.0

@@ -34,7 +34,15 @@ SETTLED_S = 600.0  # caches are filled by then
 MOST_GROWTH_MB_H, MOST_SPREAD_MB = 4.0, 12.0
 LEAST_LIFTS_A_MINUTE, LEAST_FAULTS = 2.0, 0.1
 OBJECTS = ("can", "ball", "foam")
-PHASES = (State.SHAPE, State.BRACE, State.LIFT, State.HOLD, State.DESCEND, State.OPEN)
+PHASES = (
+    State.SHAPE,
+    State.BRACE,
+    State.LIFT,
+    State.COMPENSATE,
+    State.HOLD,
+    State.DESCEND,
+    State.OPEN,
+)
 FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (  # device and request to the cell
     ("gripper", {"name": "gripper_garble", "times": 3}),
     ("gripper", {"name": "gripper_freeze", "seconds": 1.0}),
@@ -43,6 +51,8 @@ FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (  # device and request to the 
     ("fingertips", {"name": "usb_timeout", "times": 5}),
     ("fingertips", {"name": "unplug"}),
     ("arm", {"name": "protective_stop"}),
+    ("arm", {"name": "emergency_stop"}),
+    ("arm", {"name": "speed_slider", "fraction": 0.0}),
     ("arm", {"name": "arm_disconnect"}),
     ("arm", {"name": "arm_freeze", "seconds": 0.5}),
 )
@@ -77,7 +87,7 @@ class Watcher:
         self._periods, self.fault, self._device = 0, "", ""
         self._observer: CellObserver | None = None
         due = self._random.choice(FAULTS), self._random.choice(PHASES)
-        self._due = due if self._random.random() * BETWEEN < 1.0 else None
+        self.due = due if self._random.random() * BETWEEN < 1.0 else None
 
     @contextmanager
     def cell_process(self, *args: Any) -> Iterator[CellProcess]:
@@ -93,8 +103,8 @@ class Watcher:
         self._periods += 1
         if self._periods == COUNTED_TICKS:
             self.counts.append(count(time.monotonic() - self._start_s))
-        if self._due is not None and tick.decision.state is self._due[1]:
-            (self._device, request), self._due = self._due[0], None
+        if self.due is not None and tick.decision.state is self.due[1]:
+            (self._device, request), self.due = self.due[0], None
             self.fault = request["name"]
             self._cell.control.ask("fault", **request)
 

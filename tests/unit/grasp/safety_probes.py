@@ -11,9 +11,6 @@ from grasp.control.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
-ZERO = (0.0, 0.0, 0.0)
-
-
 # Guard
 
 

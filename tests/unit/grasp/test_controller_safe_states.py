@@ -120,6 +120,19 @@ def test_closing_hand_is_held_when_a_person_stops_the_run(closes: str) -> None:
     assert d.controller.finished
 
 
+def test_half_done_closing_is_finished_when_a_person_stops_the_run() -> None:
+    d = Driver(slip_response="close").lift()
+    d.reach = (60, 55, 55)
+    d.climb(0.9)
+    d.climb(0.9)
+    (first,) = (c for c in d.commands if isinstance(c, CloseToLimit))
+    assert first.first_stage
+    d.commands.clear()
+    d.step(stop=STOP)
+    assert [type(c) for c in d.commands] == [StopArm, CloseToLimit]
+    assert d.controller.state is State.STOPPED
+
+
 def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
@@ -184,17 +197,6 @@ def test_gripper_that_reconnects_still_gets_the_closing() -> None:
         d.step()
     assert sum(isinstance(c, CloseToLimit) for c in d.commands) == 1
     assert d.controller.finished
-
-
-@pytest.mark.parametrize(
-    "phase", [State.TARE, State.BRACE, State.CLOSE, State.SETTLE, State.BASELINE]
-)
-def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: State) -> None:
-    d = Driver(firm=phase is State.CLOSE)
-    d.until(phase)
-    d.commands.clear()
-    d.step(errors=LOST)
-    assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
 @pytest.mark.parametrize("phase", [State.SHAPE, State.SETTLE, State.BASELINE, State.LIFT])

@@ -144,13 +144,15 @@ def test_hold_by_clock_still_stops_the_arm_when_contact_is_lost_at_the_limit() -
     assert d.controller.state is State.LOST
 
 
-def test_hold_restarts_after_a_slip_response() -> None:
-    d = Driver(hold_s=0.5).lift()
+@pytest.mark.parametrize("by_clock", [False, True])
+def test_hold_restarts_after_a_slip_response_unless_it_ends_by_the_clock(by_clock: bool) -> None:
+    d = Driver(hold_by_clock=by_clock, hold_s=0.5).lift()
     d.height_m = HEIGHT
     d.until(State.HOLD)
+    first_ns = d.t_ns
     d.until(State.COMPENSATE, 0.9)
     d.until(State.HOLD)
-    began_ns = d.t_ns
+    began_ns = first_ns if by_clock else d.t_ns
     d.until(State.DESCEND)
     assert d.t_ns - began_ns == 500_000_000
 

@@ -5,13 +5,13 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tests.wire.waiting import PATIENCE_S
+
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
-PATIENCE_S = 100.0
 # the others repeat with the seed
 MACHINE_COLUMNS = ("versions", "wall_s", "cpu_s", "timing")
 
@@ -39,13 +39,6 @@ def finished(*words: str) -> tuple[int, str, str]:
     process = started(*words)
     out, err = process.communicate(timeout=PATIENCE_S)
     return process.returncode, out, err
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def rows(path: Path) -> list[dict[str, Any]]:

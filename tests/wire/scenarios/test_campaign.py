@@ -5,15 +5,14 @@ from pathlib import Path
 import pytest
 
 from tests.wire.scenarios.campaigns import (
-    PATIENCE_S,
     campaign_file,
     finished,
     interrupt,
     rows,
     started,
-    until,
     workers_of,
 )
+from tests.wire.waiting import PATIENCE_S, until
 
 REPETITIONS = 4
 

@@ -25,17 +25,8 @@ from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of
 from scenarios.rigs.wired import open_arm
 from tests.ur_rtde import needs_ur_rtde
-from tests.wire.lab import (
-    ALONE,
-    CONFIRMED,
-    HARDWARE,
-    PATIENCE_S,
-    CommandResult,
-    Lab,
-    grasp,
-    sets,
-    until,
-)
+from tests.wire.lab import ALONE, CONFIRMED, HARDWARE, CommandResult, Lab, grasp, sets
+from tests.wire.waiting import PATIENCE_S, until
 
 NO_BOARD = ("--set", "usb.url=tcp://127.0.0.99:9")
 SCISSOR = 3

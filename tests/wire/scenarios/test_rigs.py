@@ -21,14 +21,13 @@ from tests.wire.lab import (
     ENVIRONMENT,
     GRASP,
     HARDWARE,
-    PATIENCE_S,
     QUICK,
     Lab,
     grasp,
     sets,
     started,
-    until,
 )
+from tests.wire.waiting import PATIENCE_S, until
 
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
 LOWERING_STEPS = {"lower.feel"}  # their number depends on noise
@@ -103,6 +102,30 @@ def test_signal_stops_the_arm_keeps_the_grip_and_is_reported(ready: Lab, tmp_pat
     assert "grasp release --rig hardware" in err
     assert ready.ask("motion")["arm_mps"] == 0.0
     assert max(ready.positions) > 20  # it was not opened
+
+
+@needs_ur_rtde
+@pytest.mark.parametrize(
+    ("fault", "phase"), [("unplug", "grasp.brace"), ("arm_disconnect", "lift")]
+)
+def test_fault_of_a_device_ends_in_the_safe_state(
+    fault: str, phase: str, ready: Lab, tmp_path: Path
+) -> None:
+    """All faults in all phases: tests/nightly, and in virtual time tests/unit/scenarios/lift."""
+    ready.ask("place")
+    with ready.started(*hardware_lift(tmp_path)) as process:
+        wait_for_phase(process, phase)
+        ready.ask("fault", name=fault)
+        _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode in (3, 4), err
+    (path,) = (tmp_path / "runs").glob("*/result.json")
+    result = json.loads(path.read_text())
+    assert (result["outcome"], result["phases"][-1]["phase"]) == ("fault", "fault")
+    assert ("tactile" if fault == "unplug" else "arm") in result["phases"][-1]["cause"]
+    until(lambda: ready.ask("motion") == {"arm_mps": 0.0, "fingers_mps": 0.0})
+    truth = ready.ask("truth")["truth"]
+    assert (truth["normal_n"][0] > 8.0) == (phase == "lift")  # closed to the limit in the air
+    assert max(truth["peak_n"]) < 11.5
 
 
 # hangs 0.5 s after the start of the lift, which begins with the fourth reset

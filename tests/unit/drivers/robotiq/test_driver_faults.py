@@ -68,7 +68,7 @@ def lose_link(made, steps: int = 5) -> None:
 
 def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
     made = rig()
-    made.driver.move_to((230, 230, 230), FAST, 10.0)
+    made.driver.move_to((230, 230, 230), FAST, 20.0)
     made.step(30)
     lose_link(made)
     made.transport.down = False
@@ -79,6 +79,7 @@ def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
     made.step()
     holding = made.written[-1]
     assert tuple(finger.position for finger in holding.fingers) == here
+    assert {(finger.speed, finger.force) for finger in holding.fingers} == {(0, 0)}
     made.settle()
     assert made.state.positions[0] < 230
 

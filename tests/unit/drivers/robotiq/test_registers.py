@@ -5,8 +5,6 @@ Worked frames: Robotiq 3-Finger manual, 2014, p. 67-74; layout: its register map
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.robotiq.model import hand as model
 from drivers.robotiq.protocol import (
@@ -62,7 +60,6 @@ COMMANDS = {
         ((16, 17, 18), (19, 20, 21), (22, 23, 24), (25, 26, 27)),
     ),
 }
-byte, flag, two_bits = st.integers(0, 255), st.booleans(), st.integers(0, 3)
 
 
 def words(text: str) -> tuple[int, ...]:
@@ -102,39 +99,6 @@ def test_the_model_reads_a_command_frame() -> None:
         read = model.decode(words(frame))
         assert msgspec.structs.astuple(read)[:5] == head, name
         assert tuple(map(msgspec.structs.astuple, (*read.fingers, read.scissor))) == axes, name
-
-
-@given(
-    st.builds(
-        model.HandStatus, flag, two_bits, flag, two_bits, two_bits, st.integers(0, 15),
-        st.tuples(*[st.builds(model.AxisStatus, byte, byte, byte, two_bits)] * 4),
-    )
-)  # fmt: skip
-def test_the_driver_decodes_any_status_of_the_model(status: model.HandStatus) -> None:
-    read = StatusRegisters.from_registers(model.encode(status))
-    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(status)[:6]
-    assert [msgspec.structs.astuple(axis) for axis in axes_of(read)] == [
-        msgspec.structs.astuple(axis) for axis in status.axes
-    ]
-
-
-axis_commands = st.builds(AxisCommand, byte, byte, byte)
-
-
-@given(
-    st.builds(
-        CommandRegisters,
-        activate=flag, mode=two_bits, go_to=flag, individual_fingers=flag,
-        individual_scissor=flag, a=axis_commands, b=axis_commands, c=axis_commands,
-        scissor=axis_commands,
-    )
-)  # fmt: skip
-def test_the_model_decodes_any_command_of_the_driver(command: CommandRegisters) -> None:
-    read = model.decode(command.to_registers())
-    assert msgspec.structs.astuple(read)[:5] == msgspec.structs.astuple(command)[:5]
-    assert [msgspec.structs.astuple(axis) for axis in (*read.fingers, read.scissor)] == [
-        msgspec.structs.astuple(axis) for axis in command.axes
-    ]
 
 
 def test_invalid_registers_are_not_written() -> None:

@@ -171,3 +171,17 @@ def test_a_feed_never_waits_and_stops_its_process_when_nobody_reads() -> None:
     finally:
         signal.signal(signal.SIGTERM, before)
         os.close(writes)
+
+
+@pytest.mark.parametrize("domain", ["banana", "233", "-1", "²"])
+def test_a_domain_that_ros_has_not_is_refused_before_the_start(
+    domain: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    assert main(["ros", "--rig", "simulated"]) == 2
+    assert "a whole number from 0 to 232" in capsys.readouterr().err
+
+
+def test_the_emulated_rig_has_no_other_pace(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["ros", "--pace", "max"]) == 2
+    assert "--pace max is of the rig simulated" in capsys.readouterr().err

@@ -100,6 +100,14 @@ def partly_stuck(k: int, taxels: int = 2) -> Codes:
 def test_stuck_taxels_are_ignored_by_the_jump_check() -> None:
     hand = Hand()
     assert not any(hand.update(partly_stuck(k)) for k in range(STUCK_SAMPLES + 5))
+    jumped = partly_stuck(STUCK_SAMPLES + 5)
+    jumped[:, 2:] -= 200  # the stuck ones stay
+    assert hand.update(jumped) == "fingertips_jump"
+
+
+def test_a_hand_with_stuck_taxels_whose_other_codes_repeat_is_frozen() -> None:
+    hand = Hand()
+    assert not any(hand.update(partly_stuck(k)) for k in range(STUCK_SAMPLES + 5))
     found = [hand.update(partly_stuck(STUCK_SAMPLES + 4)) for _ in range(FROZEN_SAMPLES)]
     assert found == [""] * (FROZEN_SAMPLES - 1) + ["fingertips_frozen"]
 

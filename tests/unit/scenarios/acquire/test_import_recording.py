@@ -54,12 +54,12 @@ def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
         assert error.value.remedy == "give --unit ms", unit
 
 
-def test_pairs_without_a_header_are_resampled(tmp_path: Path) -> None:
-    path = table(tmp_path, rows(200, lambda t: f"{t},{press(t)}"))
+def test_pairs_without_a_header_are_resampled_by_the_mean(tmp_path: Path) -> None:
+    path = table(tmp_path, rows(200, lambda t: f"{t},{press(t) - 4 * (t > 0.5)}"))
     options = ImportOptions(time_column="1", taxels=1, rest_s=0.4, resample=True)
     made, changes = import_recording(path, options)
     assert (made.counts.shape, np.diff(made.t_s).max()) == ((100, 1, 1), pytest.approx(0.01))
-    assert made.counts[[49, 50], 0, 0].tolist() == [0, -60]
+    assert made.counts[[49, 50, 51], 0, 0].tolist() == [0, -62, -64]
     assert "rate: 200 Hz -> 100 Hz, mean of each 10 ms" in changes
 
 

@@ -10,13 +10,14 @@ from scenarios.acquire.datasets.build import build
 from scenarios.benchmark import lifts, run
 from scenarios.benchmark.protocol import Protocol, SplitSeeds, load_protocol
 from scenarios.benchmark.run import Benchmark
+from scenarios.benchmark.score_file import References
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.workers import Workers
 
 HERE = Workers(0)
 # every so manieth recording of a set
-STEP = {"paper": 60, "sliding": 40, "disturbances": 60, "mallet": 20}
+STEP = {"paper": 60, "sliding": 40, "disturbances": 60, "mallet": 80}
 Recordings = dict[str, list[Path]]
 Plugin = Callable[..., LiftConfig]  # settings of a detector with these lines as `update`
 
@@ -46,18 +47,23 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
 
 @pytest.fixture(scope="module")
 def small() -> Iterator[Protocol]:
-    """The protocol with 8 lifts, no other thresholds, and one delay of the oracle."""
+    """The protocol with 8 lifts, no other thresholds, and two delays of the oracle."""
     protocol = small_protocol(8)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(lifts, "load_protocol", lambda: protocol)
         patched.setattr(run, "EXCEEDED", ())
-        patched.setattr(run, "ORACLE_S", (0.0,))
+        patched.setattr(run, "ORACLE_S", (0.0, 0.2))
         yield protocol
 
 
 @pytest.fixture
 def benchmark(small: Protocol, recordings: Recordings) -> Benchmark:
     return Benchmark(small, "validation", recordings, {}, HERE, nothing_shown)
+
+
+@pytest.fixture
+def references(benchmark: Benchmark, tmp_path: Path) -> References:
+    return benchmark.references(settings("energy"), tmp_path / "references.json")
 
 
 def settings(name: str, *assignments: str) -> LiftConfig:

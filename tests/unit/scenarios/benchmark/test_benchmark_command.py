@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +22,7 @@ from tests.unit.detector.toy_recordings import toy
 from tests.unit.scenarios.benchmark.conftest import HERE, Plugin, Recordings
 
 Run = Callable[..., int]
+SCORES = "validation/benchmark.json"
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def benchmark(
     monkeypatch.setattr(protocol, "load_protocol", lambda: small)
     monkeypatch.setattr(streams, "ensure_recordings", built)
     monkeypatch.setattr("grasp.cli.benchmark.workers", lambda args: HERE)
-    return lambda *words: main(["benchmark", *words, "--split", "validation"])
+    return lambda *words: main(["benchmark", "--split", "validation", *words])
 
 
 def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
@@ -49,20 +49,25 @@ def test_a_repeated_benchmark_gives_the_same_bytes_a_page_and_a_table(
     words = ("energy", "--recording", str(clip), "--out")
     assert benchmark(*words, str(tmp_path / "one")) == 0
     captured = capsys.readouterr()
-    heading, row, oracle, *_ = captured.out.splitlines()
-    assert heading.startswith("detector  right, %") and row.startswith("energy    ")
-    assert oracle.startswith("oracle    100.0") and heading.endswith("AUC, clip.npz")
-    assert "energy: of 8 lifts" in captured.out
+    heading, row, oracle, silence, *_ = captured.out.splitlines()
+    assert heading.split()[:2] == ["detector", "score"] and "AUC, clip.npz" in heading
+    assert row.startswith("1. energy own rule and best threshold 0.")
+    assert oracle.split()[:2] == ["oracle", "100.0"] and silence.split()[2] == "0.0"
+    assert "energy: of 8 lifts" in captured.out and "0 of 0 resolved pairs" in captured.out
     assert "energy, lifts: 8 of 8, 0 s left" in captured.err
     assert benchmark(*words, str(tmp_path / "two"), "--json") == 0
     shown = json.loads(capsys.readouterr().out)
-    assert shown["cost"]["energy"]["update_us"] > 0.0
-    first, second = ((tmp_path / each / "benchmark.json").read_bytes() for each in ("one", "two"))
+    assert shown["update_us"]["energy"] > 0.0
+    first, second = ((tmp_path / each / SCORES).read_bytes() for each in ("one", "two"))
     assert first == second
-    page = tmp_path / "one" / "benchmark.html"
-    assert page.with_suffix(".svg").exists() == bool(find_spec("matplotlib"))
+    page = (tmp_path / "one" / SCORES).with_suffix(".html")
+    assert "score (0: silence" in page.with_suffix(".svg").read_text()
     text = page.read_text()
-    for expected in ("energy does", "Everything is simulated", "AUC on clip.npz", "split test: "):
+    for expected in (
+        "<h1>energy, own rule and",
+        "Everything is simulated",
+        "AUC, clip.npz",
+    ):
         assert expected in text
     assert main(["report", str(page.parent)]) == 0
     assert page.read_text() == text
@@ -73,34 +78,43 @@ def test_what_was_missed_or_not_measured_is_said_in_words(
 ) -> None:
     silent = plugin("return np.zeros(self.fingers)").detector_name
     assert benchmark(silent, "--out", str(tmp_path)) == 0
-    path = tmp_path / "benchmark.json"
+    path = tmp_path / SCORES
     text = score_page(path)
-    assert "never / never" in text and "Not given" in text and "None" not in text
-    (tmp_path / "cost.json").write_text("{")
+    assert "never / never" in text and "None" not in text
+    path.with_name("cost.json").write_text("{")
     assert "–" in score_page(path)
     path.write_text(path.read_text().replace('"validation"', '"other"'))
     assert main(["report", str(path)]) == 2
 
 
-def test_an_interrupted_benchmark_keeps_the_detectors_that_ended(
+def test_an_interrupted_benchmark_continues_with_the_detectors_that_are_missing(
     benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     measure = run.Benchmark.detector
 
-    def interrupted(self: run.Benchmark, config: Any) -> Any:
-        if config.detector_name == "psd":
+    stop = ["psd"]
+    begun = []
+
+    def interrupted(self: run.Benchmark, config: Any, *more: Any) -> Any:
+        if config.detector_name in stop:
             raise KeyboardInterrupt
-        return measure(self, config)
+        begun.append(config.detector_name)
+        return measure(self, config, *more)
 
     monkeypatch.setattr(run.Benchmark, "detector", interrupted)
-    assert benchmark("energy", "psd", "--out", str(tmp_path)) == 130
-    assert f"; 1 of 2 detectors are in {tmp_path}/benchmark.json" in capsys.readouterr().err
+    words = ("energy", "psd", "--out", str(tmp_path))
+    assert benchmark(*words) == 130
+    assert f"were measured are in {tmp_path / SCORES}" in capsys.readouterr().err
     assert measured(tmp_path) == ["energy"]
+    stop.clear()
+    assert benchmark(*words) == 0
+    assert begun == ["energy", "psd"] and measured(tmp_path) == begun
+    assert "energy is already in " in capsys.readouterr().err
 
 
 def measured(folder: Path) -> list[str]:
-    file, costs = read_scores(folder / "benchmark.json")
+    file, costs = read_scores(folder / SCORES)
     names = [each.detector for each in file.detectors]
     assert set(names) <= costs.keys()
     return names
@@ -109,22 +123,46 @@ def measured(folder: Path) -> list[str]:
 def test_a_folder_keeps_the_detectors_of_earlier_benchmarks_of_the_same_protocol(
     benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("energy", "psd-fair", "energy"):
-        assert benchmark(name, "--out", str(tmp_path)) == 0
+    for words in (("energy",), ("psd-fair",), ("energy", "--set", "rule.threshold=0.6")):
+        assert benchmark(*words, "--out", str(tmp_path)) == 0
     assert measured(tmp_path) == ["psd-fair", "energy"]
-    path = tmp_path / "benchmark.json"
-    path.write_text(path.read_text().replace('"layout": ""', '"layout": "eight"'))
+    path = tmp_path / SCORES
+    path.write_text(path.read_text().replace('"version":3', '"version":2', 1))
     with locked(tmp_path / ".lock", 0o600, lambda _: GraspError("held")):
         assert benchmark("energy", "--out", str(tmp_path)) == 2
     assert "another benchmark writes to this folder (process " in capsys.readouterr().err
     for content, said in (
-        (None, "has results of version 2, split validation, layout eight"),
+        (None, "has results of version 2"),
         ("{", "is no file of scores"),
     ):
         path.write_text(content or path.read_text())
         before = path.read_bytes()
         assert benchmark("energy", "--out", str(tmp_path)) == 2
         assert said in capsys.readouterr().err and path.read_bytes() == before
+
+
+def test_the_split_test_takes_the_threshold_that_validation_has_chosen(
+    benchmark: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    test = ("energy", "--split", "test", "--out", str(tmp_path))
+    assert benchmark(*test) == 2
+    assert "first run the same with --split validation" in capsys.readouterr().err
+    assert benchmark("energy", "--out", str(tmp_path)) == 0
+    best = read_scores(tmp_path / SCORES)[0].detectors[0].best
+    monkeypatch.setattr(run, "within_budget", lambda _: pytest.fail("test has chosen"))
+    assert benchmark(*test) == 0
+    found = read_scores(tmp_path / "test" / "benchmark.json")[0].detectors[0].best
+    assert best and found and found.threshold == best.threshold
+
+
+def test_a_quick_run_has_a_quarter_of_the_trials_and_its_own_file(
+    benchmark: Run, tmp_path: Path
+) -> None:
+    assert benchmark("energy", "--quick", "--out", str(tmp_path)) == 0
+    path = tmp_path / "validation-quick" / "benchmark.json"
+    assert len(read_scores(path)[0].detectors[0].rows[0].trials.lifts) == 2
+    assert "not comparable with a full run" in score_page(path)
 
 
 def test_impossible_requests_are_refused_before_anything_runs(

@@ -65,14 +65,8 @@ def test_evaluation_file_is_read_back_and_another_file_is_refused(tmp_path: Path
     for other in (
         b'{"format": "something"}',
         msgspec.json.encode(msgspec.structs.replace(file, detectors=[])),
-        whole.replace(b'"probabilities": [', b'"probabilities": [0.5,'),
+        whole.replace(b'"probabilities":[', b'"probabilities":[0.5,'),
     ):
         path.write_bytes(other)
         with pytest.raises(BadFile, match="is no file of scores"):
             read_scores(path)
-
-
-def test_kept_results_of_the_benchmark_are_read_with_their_costs() -> None:
-    file, costs = read_scores(Path(__file__).parents[4] / "studies/results/benchmark.json")
-    assert file.source.data == "benchmark"
-    assert set(costs) == {each.detector for each in file.detectors}

@@ -12,13 +12,8 @@ import pytest
 import grasp
 from drivers.errors import ConfigError, GraspError, UsageError
 from scenarios.library.results import Lift
-from scenarios.rigs import wired
 
 ROOT = Path(__file__).parents[4]
-LAB = {
-    "gripper.calibration": "paper", "modbus.host": "127.0.0.99", "modbus.port": 9,
-    "usb.url": "tcp://127.0.0.99:9", "ur.host": "127.0.0.99",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -72,30 +67,6 @@ def test_replay_reports_whether_all_is_as_recorded(lift: Lift) -> None:
 
 
 # No access to a real device
-
-
-@pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    found: list[str] = []
-
-    def wired_devices(config: Any, clock: Any) -> Any:
-        found.append(config.rig)
-        raise AssertionError("real devices were opened")
-
-    monkeypatch.setattr(wired, "wired_devices", wired_devices)
-    return found
-
-
-@pytest.mark.parametrize("call", [grasp.lift, grasp.tap])
-def test_no_call_opens_a_real_device(call: Any, opened: list[str], tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="moves no real devices"):
-        call(rig="hardware", settings=LAB, runs=tmp_path)
-    with pytest.raises(ConfigError, match="is no setting"):
-        call(settings={**LAB, "rig": "hardware"}, runs=tmp_path)
-    with pytest.raises(TypeError):
-        call(rig="hardware", settings=LAB, permit=object())
-    assert opened == []
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import grasp
 from drivers.errors import ConfigError, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Detection
-from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers
 from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, PolicyCommand
 from scenarios.campaign.config import load_config
@@ -78,34 +78,6 @@ def test_closed_fingers_that_come_down_on_an_object_press_within_the_limit(name:
         assert info["peak_force_n"] > 0.0 and (info["peak_force_n"] < 11.0) == within
 
 
-def test_no_command_of_a_random_policy_passes_the_limit() -> None:
-    env, rng, peaks = LiftEnvironment("can"), np.random.default_rng(0), []
-    for seed in range(3):
-        _, info = env.reset(seed=seed, options={"object": ("can", "foam", "ball")[seed]})
-        for step in range(300):
-            if step % 30 == 0:
-                action = rng.uniform((-0.5, -0.5, -0.5, -1.0), 1.0).astype(np.float32)
-            _, _, _, _, info = env.step(action)
-            hand = info["admitted"].hand
-            if isinstance(hand, MoveFingers | CloseToLimit):
-                limit_n = hand.force_n if isinstance(hand, MoveFingers) else hand.force_limit_n
-                assert limit_n <= 10.0 and info["commanded_force_n"] <= 10.0
-        peaks.append(info["peak_force_n"])
-    assert max(peaks) < 11.0
-
-
-def test_a_held_object_is_released_by_open_fingers_alone(held: LiftEnvironment) -> None:
-    reflex, states = held.reflex, held.states()
-    t_ns = states[0].t_ns
-    kept = reflex.step(*states, PolicyCommand(hand=OPEN, arm_velocity_mps=UP), t_ns=t_ns)
-    assert kept.held and kept.hand is None and "opening" in kept.refused[0]
-    assert kept.arm_velocity_mps == UP
-    released = reflex.step(*states, PolicyCommand(hand=OpenFingers(0.1)), t_ns=t_ns)
-    assert released.hand == OpenFingers(0.1) and not released.held
-    frozen = reflex.step(*states, PolicyCommand(hand=HoldFingers(), arm_velocity_mps=UP), t_ns=t_ns)
-    assert frozen.arm_velocity_mps == AT_REST  # in contact again, and not at rest for 0.6 s
-
-
 def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     held: LiftEnvironment,
 ) -> None:
@@ -120,27 +92,6 @@ def test_after_a_fault_the_hand_closes_and_the_arm_stops_until_a_reset(
     assert again.hand is None
     reflex.reset()
     assert reflex.step(*states, up, t_ns=states[0].t_ns).faults == ()
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, float("nan"))),
-        PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)),
-        PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)),
-        PolicyCommand(hand=OPEN, arm_velocity_mps=(0.0, 0.0, float("nan"))),
-        PolicyCommand(hand=OPEN, arm_velocity_mps=np.zeros(3)),  # type: ignore[arg-type]
-        PolicyCommand(hand=MoveFingers((60, 60), 0.022, 10.0)),  # type: ignore[arg-type]
-        PolicyCommand(hand=MoveFingers((60, 60, None), 0.022, 10.0)),  # type: ignore[arg-type]
-        PolicyCommand(hand=OpenFingers(float("nan"))),
-        PolicyCommand(hand=None),  # type: ignore[arg-type]
-    ],
-)
-def test_a_command_that_is_no_number_holds_hand_and_arm(
-    held: LiftEnvironment, wrong: PolicyCommand
-) -> None:
-    admitted = held.reflex.step(*held.states(), wrong)
-    assert admitted.hand is None and admitted.arm_velocity_mps == AT_REST and admitted.refused
 
 
 def test_fingers_that_are_to_move_but_stand_still_do_not_hide_slip(held: LiftEnvironment) -> None:

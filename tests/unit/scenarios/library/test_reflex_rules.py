@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import UsageError
 from drivers.interfaces import ArmState, TactileFrame, Vector3
-from grasp.control.commands import CloseToLimit, HoldFingers, OpenFingers
+from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
 from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, PolicyCommand
 from tests.unit.grasp.builders import gripper
@@ -237,6 +237,7 @@ def test_the_arm_is_no_faster_than_its_limit(empty: Scene) -> None:
         (np.zeros((6, 3), np.int16), r"shape \(6, 3\)"),
         (np.zeros(18, np.int16), r"shape \(18,\)"),
         (np.zeros((3, 0), np.int16), r"shape \(3, 0\)"),
+        (np.zeros((3, 7), np.int16), r"shape \(3, 7\)"),
         (np.full((3, 6), 70_000), "from 70000 to 70000"),
         (np.full((3, 6), -1024), "from -1024 to -1024"),
     ],
@@ -246,20 +247,62 @@ def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], pro
     hold, zero = PolicyCommand(hand=HoldFingers()), np.zeros((3, 6), np.int16)
     frame = TactileFrame(0, 0, 0, wrong, zero, zero, zero)
     for tactile in (wrong, frame):
-        with pytest.raises(UsageError, match=problem):
+        with pytest.raises(UsageError, match=problem) as caught:
             empty.reflex.step(tactile, gripper(), state, hold, t_ns=0)
+        assert "integers of shape (3, 6) from -1023 to 1023" in caught.value.remedy
     with pytest.raises(UsageError, match="no integer"):
         empty.reflex.step(zero, gripper(), state, hold, t_ns=0.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        (PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, float("nan"))), "force_n: nan"),
+        (PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)), "speed_mps: inf"),
+        (PolicyCommand(hand=MoveFingers((60, 60, 60), -0.022, 10.0)), "speed_mps: -0.022"),
+        (PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)), "targets_counts: ("),
+        (
+            PolicyCommand(hand=HoldFingers(), arm_velocity_mps=(0.0, 0.0, float("nan"))),
+            "arm_velocity_mps: (",
+        ),
+        (
+            PolicyCommand(hand=HoldFingers(), arm_velocity_mps=np.zeros(3)),  # type: ignore[arg-type]
+            "arm_velocity_mps: array([",
+        ),
+        (
+            PolicyCommand(hand=HoldFingers(), arm_velocity_mps=[0, 0, 0]),  # type: ignore[arg-type]
+            "arm_velocity_mps: [0, 0, 0] is not a tuple of three",
+        ),
+        (
+            PolicyCommand(hand=MoveFingers([60, 60, 60], 0.022, 10.0)),  # type: ignore[arg-type]
+            "targets_counts: [60, 60, 60] is not a tuple of three",
+        ),
+        (
+            PolicyCommand(hand=MoveFingers((60, 60), 0.022, 10.0)),  # type: ignore[arg-type]
+            "targets_counts: (60, 60)",
+        ),
+        (
+            PolicyCommand(
+                hand=MoveFingers((60, np.zeros(2), None), 0.022, 10.0)  # type: ignore[arg-type]
+            ),
+            "targets_counts: (60, array(",
+        ),
+        (PolicyCommand(hand=OpenFingers(float("nan"))), "speed_mps: nan"),
+        (PolicyCommand(hand=None), "hand: None"),  # type: ignore[arg-type]
+        ([0.0, 0.1], "[0.0, 0.1] is not a PolicyCommand"),
+    ],
+)
+def test_an_invalid_command_is_named_and_holds_hand_and_arm(
+    empty: Scene, wrong: PolicyCommand, name: str
+) -> None:
+    admitted = empty.send(wrong)
+    assert admitted.hand is None and admitted.arm_velocity_mps == AT_REST
+    (refusal,) = admitted.refused
+    assert refusal.startswith(name) and refusal.endswith(": hand and arm hold")
 
 
 def test_counts_with_the_opposite_sign_are_a_fault(grip: Scene) -> None:
     grip.sign = 1.0
     assert grip.step(steps=30).faults == ()
     (fault,) = grip.step(steps=2).faults
-    assert fault.code == "fingertips_unpressed"
-
-
-def test_contact_without_pressed_fingertips_is_a_fault(empty: Scene) -> None:
-    assert empty.step(detections=THUMB_LATCHED, steps=30).faults == ()
-    (fault,) = empty.step(steps=2).faults
     assert fault.code == "fingertips_unpressed"

@@ -5,9 +5,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import pytest
 
-from detector.energy import EnergyDetector
 from drivers.errors import LinkLost
 from scenarios.rigs.rig import Rig
 from scenarios.world.cell import SimulatedCell
@@ -142,37 +140,6 @@ def replug_fingertips(rig: Rig) -> None:
 # Detector: every later one, and the running one
 
 
-def returning(patch: pytest.MonkeyPatch, answer: object) -> Act:
-    return lambda rig: patch.setattr(EnergyDetector, "update", lambda self, counts: answer)
-
-
-def raising(patch: pytest.MonkeyPatch) -> Act:
-    def update(self: object, counts: object) -> None:
-        raise MemoryError("no memory for a window")
-
-    return lambda rig: patch.setattr(EnergyDetector, "update", update)
-
-
-def failing_reset(patch: pytest.MonkeyPatch) -> Act:
-    def reset(self: object) -> None:
-        raise MemoryError("no memory for a reset")
-
-    return lambda rig: patch.setattr(EnergyDetector, "reset", reset)
-
-
-def slowed(patch: pytest.MonkeyPatch, seconds: float) -> Act:
-    def act(rig: Rig) -> None:
-        quick = EnergyDetector.update
-
-        def update(self: EnergyDetector, counts: np.ndarray) -> np.ndarray:
-            rig.clock.sleep_until_ns(rig.clock.now_ns + round(seconds * 1e9))
-            return quick(self, counts)
-
-        patch.setattr(EnergyDetector, "update", update)
-
-    return act
-
-
 # Gripper
 
 
@@ -223,11 +190,6 @@ def freeze_arm_values(rig: Rig) -> None:
     arm = cell(rig).arm
     kept = arm.read(rig.clock.now_ns)
     arm.misreport(lambda sample: msgspec.structs.replace(kept, t_ns=sample.t_ns))
-
-
-def reverse_arm(rig: Rig) -> None:
-    """The arm executes every later motion in the opposite direction."""
-    cell(rig).arm.reversed_moves = True
 
 
 def push_arm(rig: Rig) -> None:

@@ -18,8 +18,6 @@ from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift.device_faults import cell
 
 Probabilities = tuple[float, float, float]  # of each finger
-ALARM, QUIET = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector needs more than one finger
 # longest time of each phase: approach and grasp without alarms; 0.1 m up and down, after slip at
 # the top all of it at feel speed, and two checks for the table (1.1 s each); the hold with alarms
 LONGEST_S = {
@@ -113,42 +111,3 @@ def response_s(ticks: list[Tick]) -> float:
     began_ns = next((t.t_ns for t in ticks if t.decision.slip.event), ticks[-1].t_ns)
     down_ns = next((t.t_ns for t in ticks if t.decision.state is State.DESCEND), ticks[-1].t_ns)
     return (down_ns - began_ns) * 1e-9
-
-
-PATTERNS = [
-    ("stop_and_close", "foam", "energy", 4, 46), ("stop_and_step", "can", "energy", 2, 10),
-    ("stop_and_close", "can", None, 6, 3), ("stop_and_step", "foam", None, 30, 10),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("response", "name", "detector", "alarm", "silent"), PATTERNS)
-def test_repeated_alarms_get_a_response_while_force_can_rise_and_end_in_ten_seconds(
-    response: str, name: str, detector: str | None, alarm: int, silent: int
-) -> None:
-    script = [(alarm, EVERYWHERE), (silent, QUIET)]
-    assignments = (f"controller.slip_response={response}", "controller.hold_s=1.0")
-    controller, ticks, held = run(script, *assignments, object_name=name, detector=detector)
-    assert held
-    assert controller.response.closings > 0
-    assert closes(ticks) <= 1
-    assert response_s(ticks) < 10.0
-    steps = 0 if response == "stop_and_close" else 5  # stop_and_step.MAX_STEPS
-    assert controller.response.closings <= 1 + steps  # and finally to the limit
-
-
-@pytest.mark.parametrize("response", ["stop_and_close", "stop_and_step"])
-def test_hold_by_clock_ends_in_time_with_a_permanent_alarm_and_delayed_commands(
-    response: str,
-) -> None:
-    assignments = (f"controller.slip_response={response}", "controller.hold_by_clock=true",
-                   "loop.decision_delay_s=0.02")  # fmt: skip
-    controller, ticks, held = run([(1, ALARM)], *assignments)
-    assert controller.state is State.SET_DOWN and held
-    assert closes(ticks) <= 1  # steps may reach the limit without a closing
-    assert response_s(ticks) < 10.0
-
-
-def test_permanent_alarm_sets_the_object_down_without_dropping_it() -> None:
-    controller, _, held = run([(1, ALARM)])
-    assert controller.limit_reached
-    assert held

@@ -4,7 +4,6 @@ import pytest
 
 from grasp.control.commands import CloseToLimit, HoldFingers, MoveArm, StopArm
 from grasp.control.states import State
-from scenarios.world.cell import PadWeight
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_monitors import issued_since, thumb_n
@@ -52,38 +51,3 @@ def test_a_single_lost_sample_is_counted_and_ends_no_run() -> None:
     assert staged.result(trial).success
     assert trial.loop.timing.repeated_frames == 1
     assert trial.loop.timing.missed_periods == 0
-
-
-def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
-    staged = Staged(made=by_default)
-    trial = staged.run(in_phase(State.HOLD, 5), fault.interrupt)
-    assert trial.interrupted
-    rig = staged.rig
-    rig.clock.sleep_until_ns(rig.clock.now_ns + 2_000_000_000)
-    assert thumb_n(staged) > 8.0
-    assert fault.cell(rig).arm.at(rig.clock.now_ns).velocity_mps == (0.0, 0.0, 0.0)
-
-
-def test_interrupting_before_contact_stops_the_fingers() -> None:
-    staged = Staged(made=by_default)
-    staged.run(in_phase(State.SHAPE, 8), fault.interrupt)
-    rig = staged.rig
-    gripper = fault.cell(rig).gripper
-    rig.clock.sleep_until_ns(rig.clock.now_ns + 1_000_000_000)
-    stopped = gripper.travel_m
-    rig.clock.sleep_until_ns(rig.clock.now_ns + 1_000_000_000)
-    assert (gripper.travel_m == stopped).all()
-    assert stopped.max() < 0.9 * 40 * 0.00077
-
-
-def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
-    staged = Staged(made=by_default)
-    weight = PadWeight(finger="B", newtons=20.0)
-    trial = staged.run(in_phase(State.SHAPE, 0), lambda rig: fault.cell(rig).put_weight(weight))
-    assert trial.controller.state is State.FAULT
-    assert "taxel" in trial.controller.fault_cause
-    assert [c.phase for c in trial.controller.machine.log] == [
-        "approach.shape",
-        "grasp.tare",
-        "fault",
-    ]

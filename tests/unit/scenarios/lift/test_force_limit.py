@@ -25,17 +25,15 @@ from grasp.control.commands import (
     OpenFingers,
 )
 from grasp.control.controller import GraspController
-from grasp.control.guard import GuardSettings
 from grasp.control.slip_monitor import SlipMonitor
 from grasp.control.states import State
 from grasp.control.step import GraspStep
 from grasp.run.loop import ControlLoop
-from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import LinkWrappers, simulated
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import grip_plan, make_controller, make_guard, run_trial
+from scenarios.trial.execution import grip_plan, make_guard, run_trial
 from tests.unit.scenarios import checkpoint
 from tests.unit.scenarios.conftest import by_default, changed
 
@@ -231,26 +229,6 @@ def test_stress_test_finds_a_guard_without_a_limit(
         machine.no_force_byte_is_above_the_limit()
 
 
-def test_force_bytes_keep_every_limit() -> None:
-    for limit_n in (10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0):
-        base = changed(by_default("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
-        rig, wire = watched(base, 0)
-        step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
-        loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
-        loop.tick()
-        at = 100
-        for beyond_n in (-0.2, -1e-9, 0.0, 1e-9, 0.2, 150.0):
-            commanded_n = limit_n + beyond_n
-            wire.images.clear()
-            at += 10  # so that there is something to write
-            loop.submit(
-                CloseToLimit(max(commanded_n, 10.0), (True, True, True), (at, at, at), 0.11)
-            )
-            loop.tick()
-            assert wire.images, (limit_n, commanded_n)
-            assert wire.highest_force_n() <= limit_n, (limit_n, commanded_n)
-
-
 def test_response_to_slip_by_the_default_detector_sends_no_byte_above_the_limit() -> None:
     made = by_default()
     rig, wire = watched(made, 0)
@@ -263,10 +241,3 @@ def test_force_that_the_calibration_cannot_set_is_refused_before_anything_moves(
     with pytest.raises(ConfigError) as caught:
         make_guard(changed(by_default(), "controller", grip_force_n=9.99))
     assert caught.value.key == "grip_force_n"
-
-
-def test_limit_just_below_the_least_force_is_refused_before_anything_moves() -> None:
-    with pytest.raises(ConfigError):
-        make_guard(changed(by_default(), "guard", force_limit_n=9.999))
-    assert msgspec.structs.asdict(GuardSettings())["force_limit_n"] == LIMIT_N
-    assert calibration(by_default()).force_n(0) == LIMIT_N

@@ -8,7 +8,6 @@ from grasp.control.states import State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import (
-    HAND_ALONE,
     Staged,
     config,
     in_phase,
@@ -80,17 +79,6 @@ def test_object_too_heavy_for_the_limit_is_lowered_with_outcome_limit_reached() 
     assert max(r.peak_force_n.values()) < 11.0
 
 
-def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() -> None:
-    far = config("object.grip_counts=[60,60,60]")
-    finished = lift.run(far, 0, None)
-    assert finished.result is not None
-    assert finished.result.outcome == "fault"
-    phases = [p.phase for p in finished.result.phases]
-    assert phases[2:] == ["grasp.brace", "grasp.close", "fault"]
-    assert finished.failure is not None
-    assert finished.failure.kind == "safety_stop"
-
-
 ONE_CLOSING = 'controller.closing="constant"'
 
 
@@ -109,11 +97,6 @@ def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
     assert truth is not None
     assert truth.height_m == 0.0
     assert not truth.touched
-
-
-def test_closing_of_the_hand_is_not_registered_as_a_second_slip() -> None:
-    trial = Staged(HAND_ALONE).run(in_phase(State.SET_DOWN), interrupt)
-    assert len(trial.controller.slip_monitor.events) == 1
 
 
 def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_path: Path) -> None:

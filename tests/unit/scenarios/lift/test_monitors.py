@@ -1,8 +1,5 @@
 """Implausible device data: a fault with the right code, in time, and the safe state."""
 
-import re
-
-import numpy as np
 import pytest
 
 from grasp.control.commands import MoveArm, MoveFingers, OpenFingers, StopArm
@@ -10,7 +7,7 @@ from grasp.control.states import AIRBORNE_STATES, State
 from grasp.run.loop import Tick
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in
+from tests.unit.scenarios.conftest import HAND_ALONE, Staged, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 
 P = State
@@ -93,12 +90,6 @@ def test_implausible_data_is_a_fault_in_time_and_leads_to_the_safe_state(phase: 
             assert max(fault.cell(staged.rig).truth().normal_n) < 4.0, case  # stays as it is
 
 
-def test_hand_that_reports_contact_while_it_closes_is_a_fault() -> None:
-    staged = Staged(HAND_ALONE, ONE_SPEED)
-    trial = staged.run(well_in(P.COMPENSATE), fault.always_contact)
-    in_safe_state(staged, trial, "gripper_impossible")
-
-
 @pytest.mark.parametrize("phase", [P.CLOSE, P.COMPENSATE, P.OPEN])
 def test_command_does_not_activate_a_hand_that_loses_power_at_the_same_time(
     phase: State,
@@ -119,72 +110,12 @@ def test_command_does_not_activate_a_hand_that_loses_power_at_the_same_time(
     assert "moving" not in end.hand and "closed to the limit" not in end.hand
 
 
-DETECTORS = {
-    "nan": np.full(3, np.nan),
-    "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
-    "infinity": np.array([0.0, np.inf, 0.0]),
-    "beyond_one": np.array([0.0, 1.5, 0.0]),
-    "wrong_shape": np.zeros((3, 1)),
-    "one_number": 0.5,
-    "nothing": None,
-}
-
-
-def test_invalid_detector_output_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    everywhere = [("nan", phase) for phase in (P.BRACE, P.COMPENSATE, P.HOLD)]
-    for answer, phase in [*((answer, P.LIFT) for answer in DETECTORS), *everywhere]:
-        with monkeypatch.context() as patch:
-            staged = Staged()
-            trial = staged.run(in_phase(phase, 5), fault.returning(patch, DETECTORS[answer]))
-        in_safe_state(staged, trial, "detector_failed", (answer, phase))
-        assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
-
-
-def test_detector_that_raises_is_late_or_fails_to_reset_is_a_fault(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def silent(rig: Rig) -> None:
-        fault.failing_reset(monkeypatch)(rig)
-        fault.silence_fingertips(rig)
-
-    for act, name in (
-        (silent, "detector_failed"),
-        (fault.slowed(monkeypatch, 0.12), "detector_late"),
-        (fault.raising(monkeypatch), "detector_failed"),
-    ):
-        staged = Staged()
-        trial = staged.run(in_phase(P.LIFT, 5), act)
-        monkeypatch.undo()
-        in_safe_state(staged, trial, name)
-        assert thumb_n(staged) > 8.0
-    assert "MemoryError" in trial.controller.fault_cause
-
-
 @pytest.mark.parametrize(("other", "name"), [(1, "B"), (2, "C")])
 def test_a_fingertip_swapped_with_the_thumbs_is_reported(other: int, name: str) -> None:
     trial = Staged().run(in_phase(P.SHAPE), fault.swap_fingertips(0, other))
     (reported,) = trial.trace.reported
     assert (reported.code, reported.data) == ("fingertips_swapped", {"finger": name})
     assert not trial.controller.faults
-
-
-def test_a_gripper_whose_registers_do_not_follow_a_command_is_a_fault_within_its_deadline() -> None:
-    for phase, act in (
-        (P.SHAPE, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
-        (P.HOLD, fault.swallow_writes), (P.LIFT, fault.freeze_gripper_status),
-        (P.HOLD, fault.freeze_gripper_status),
-    ):  # fmt: skip
-        staged = Staged()
-        trial = staged.run(well_in(phase), act)
-        in_safe_state(staged, trial, "gripper_unconfirmed", (phase, act.__name__))
-        text = trial.controller.faults[0].line
-        assert "another client changed the gripper's registers, or the gripper ignores" in text
-        assert re.search(r"target of finger [ABC] \d+, expected \d+", text), (phase, text)
-        done_ns = staged.done_at_ns or 0
-        first = next(t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > done_ns)
-        assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9, (phase, act.__name__)
 
 
 def test_one_saturated_taxel_is_reported_without_a_fault() -> None:

@@ -2,7 +2,6 @@
 
 import pytest
 
-from drivers.interfaces import Detection
 from grasp.control.commands import CloseToLimit
 from grasp.control.states import State
 from grasp.run.loop import Tick
@@ -19,24 +18,6 @@ CONSTANT = 'controller.closing="constant"'
 def thumb_n(result: LiftResult) -> float:
     assert result.peak_force_n is not None
     return result.peak_force_n["A"]
-
-
-def stages(ticks: list[Tick]) -> list[CloseToLimit]:
-    sent = [i.admitted for t in ticks for i in t.issued]
-    return [c for c in sent if isinstance(c, CloseToLimit)]
-
-
-def test_response_closes_by_position_at_full_speed_then_slowly_to_the_force_limit() -> None:
-    staged = Staged()
-    trial = staged.run(in_phase(State.SET_DOWN), fault.interrupt)
-    first, second = stages(staged.ticks)
-    assert (first.first_stage, first.speed_mps) == (True, 0.11)
-    assert 55 < first.ends_counts[0] < 60
-    assert (second.first_stage, second.speed_mps, second.ends_counts[0]) == (False, 0.022, 255)
-    asked = next(t for t in staged.ticks if any(i.admitted == second for i in t.issued))
-    assert asked.gripper.positions[0] == first.ends_counts[0]
-    assert trial.controller.response.closings == 1
-    assert trial.controller.state is State.SET_DOWN
 
 
 HANDS = [
@@ -103,26 +84,6 @@ def test_gripper_fault_between_the_stages_does_not_exceed_the_limit(
         result = staged.result(staged.run(in_phase(State.COMPENSATE, after), broken))
         assert thumb_n(result) <= BOUND_N, (latency_s, after)
         assert not staged.ticks[-1].arm.moving, (latency_s, after)
-
-
-def test_fault_between_the_stages_still_closes_to_the_limit() -> None:
-    for after in (1, 5, 20):
-        staged = Staged()
-        trial = staged.run(in_phase(State.COMPENSATE, after), fault.freeze_fingertips)
-        assert staged.ticks[-1].decision.state is State.FAULT
-        assert staged.ticks[-1].gripper.fingers[0].detection is Detection.CONTACT_CLOSING
-        assert trial.final is not None
-        assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
-
-
-def test_hand_with_a_frozen_status_is_closed_to_the_limit_unconfirmed() -> None:
-    staged = Staged()
-    trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
-    assert trial.controller.state is State.FAULT
-    assert trial.controller.unconfirmed
-    assert not stages(staged.ticks)[-1].first_stage
-    assert trial.final is not None
-    assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
 
 
 @pytest.mark.parametrize("closing", [(), (CONSTANT,)])

@@ -84,10 +84,13 @@ def test_diagnostics_state_the_most_severe_problem_of_a_device() -> None:
     assert DIAGNOSTICS not in step(messages, 4)
 
 
-def test_joints_of_hand_and_arm_have_the_stamp_of_the_older_sample() -> None:
+@pytest.mark.parametrize(("hand_ns", "arm_ns"), [(9, 7), (7, 9)])
+def test_joints_of_hand_and_arm_have_the_stamp_of_the_older_sample(
+    hand_ns: int, arm_ns: int
+) -> None:
     q = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-    state = arm_message(arm(7, joints_rad=q))
-    made = RosMessages(0, 0.001).of_step(9, None, gripper(9), state, control())
+    state = arm_message(arm(arm_ns, joints_rad=q))
+    made = RosMessages(0, 0.001).of_step(9, None, gripper(hand_ns), state, control())
     (joints,) = (message for message in made if message.topic == JOINTS)
     assert joints.stamp_ns == 7
     found = dict(zip(joints.fields["name"], joints.fields["position"], strict=True))

@@ -95,6 +95,10 @@ def phase_renamed(messages: Messages) -> None:
     changed(messages, the(PHASES, messages, 3), phase="hold")
 
 
+def other_probability(messages: Messages) -> None:
+    changed(messages, the(CONTROL, messages, 300), probabilities=[0.5, 0.5, 0.5])
+
+
 def other_bytes(act: int, edit: Callable[[list[int]], None]) -> Callable[[Messages], None]:
     """Edit the bytes in the first state after the write of the closing, or of the ``act``-th later
     write."""
@@ -144,6 +148,7 @@ EDITS: dict[str, Callable[[Messages], None]] = {
     "a state of the arm is lost": state_lost(ARM),
     "a change of phase is lost": phase_lost,
     "a change of phase leads elsewhere": phase_renamed,
+    "the detector's output is another": other_probability,
 }
 
 

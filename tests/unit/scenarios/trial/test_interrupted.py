@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.interfaces import Detection
-from grasp.control.commands import CloseToLimit, StopArm
+from grasp.control.commands import StopArm
 from grasp.control.states import END_STATES, SAFE_STATES, State
 from grasp.run import signals
 from grasp.run.loop import Tick
@@ -77,23 +76,3 @@ def test_signal_ends_the_run_without_a_verdict(phase: State, tmp_path: Path) -> 
     assert json.loads((folder / "result.json").read_text())["outcome"] == "interrupted"
     replay = replay_run(folder)
     assert replay.complete and not replay.differences
-
-
-def test_slip_response_in_progress_is_completed() -> None:
-    _, ticks = stopped_lift(None, State.COMPENSATE, signal.SIGHUP)
-    last = ticks[-1]
-    assert last.decision.state is State.STOPPED
-    assert last.gripper.fingers[0].detection is Detection.CONTACT_CLOSING
-    assert not last.arm.moving
-
-
-@pytest.mark.parametrize(
-    ("phase", "settings"),
-    [(State.COMPENSATE, (*QUICK, 'controller.closing="constant"')), (State.DESCEND, QUICK)],
-)
-def test_grip_is_kept_unchanged(phase: State, settings: tuple[str, ...]) -> None:
-    _, ticks = stopped_lift(None, phase, signal.SIGHUP, settings=settings)
-    stopped = [t for t in ticks if t.decision.state is State.STOPPED]
-    assert not any(isinstance(c, CloseToLimit) for t in stopped for c in t.decision.commands)
-    before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions
-    assert all(b >= a for a, b in zip(before, after, strict=True))

@@ -13,9 +13,9 @@ from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.robotiq.settings import DriverSettings, ModbusSettings
 from tests.calibrations import PAPER
+from tests.wire.waiting import until
 
 QUICK = HandSettings(activation_s=0.1)
-PATIENT_S = 60.0  # long enough for a loaded machine
 TIMEOUT_S = 1.0  # long enough for a reply on a loaded machine
 TOUCH_M = 0.03
 STIFFNESS_NPM = 5000.0
@@ -30,14 +30,6 @@ class FastClock:
 
     def __call__(self) -> int:
         return (time.monotonic_ns() - self._start_ns) * self._rate
-
-
-def until(true: Callable[[], bool], within_s: float = PATIENT_S) -> None:
-    """Wait with a deadline; fails when it passes."""
-    deadline = time.monotonic() + within_s
-    while not true():
-        assert time.monotonic() < deadline, "did not come about in time"
-        time.sleep(0.001)
 
 
 def with_objects(model: GripperModel, touch_m: float = TOUCH_M) -> GripperModel:

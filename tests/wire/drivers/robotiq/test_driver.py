@@ -13,32 +13,11 @@ from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S
 
 FAST = 0.11
-ALL = (True, True, True)
-FAR = (200, 200, 200)
 LINK_FAULTS = [FaultKind.DROP, FaultKind.GARBLE, FaultKind.DISCONNECT, FaultKind.EXCEPTION]
 
 
 def force_bytes(written: bytes) -> set[int]:
     return {written[5], written[8], written[11], written[14]}
-
-
-def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
-    served, client = joined(touch_m=0.03)
-    driver, cap = client.driver, 18.0
-    driver.move_to((30, 30, 30), FAST, cap)
-    client.settle()
-    driver.close_to_limit(cap, (True, False, False), FAR, FAST)
-    client.settle()
-    driver.close_to_limit(cap, ALL, FAR, 0.05)
-    client.settle()
-    driver.hold()
-    client.settle()
-    driver.open(FAST)
-    client.settle()
-    most = PAPER.byte_at_most(cap)
-    assert served.writes
-    assert all(len(written) == 16 for written in served.writes)
-    assert max(max(force_bytes(written)) for written in served.writes) == most
 
 
 # The link
@@ -83,21 +62,6 @@ def test_every_failure_is_a_lost_link_with_a_remedy(joined, kind, function: int)
     client.driver.move_to((50, 50, 50), FAST, 10.0)
     client.settle()
     assert client.state.positions == (50, 50, 50)
-
-
-def test_an_exception_reply_is_reported_and_keeps_the_connection(joined) -> None:
-    served, client = joined()
-    served.emulator.faults.add(WireFault(kind=FaultKind.EXCEPTION, code=6))
-    with pytest.raises(LinkLost, match="exception 6 to function 4"):
-        client.poll()
-    client.poll()
-    assert client.transport.connections == 1
-
-
-def test_a_fragmented_reply_is_accepted(joined) -> None:
-    served, client = joined()
-    served.emulator.faults.add(WireFault(kind=FaultKind.SPLIT, seconds=0.001))
-    client.poll()
 
 
 def test_a_late_reply_is_not_taken_for_the_next(joined) -> None:

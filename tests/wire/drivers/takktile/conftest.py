@@ -2,8 +2,7 @@
 
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +14,6 @@ from drivers.takktile.link import UsbLink
 from drivers.takktile.model.board import BoardModel
 from drivers.takktile.settings import BoardModelSettings
 
-PATIENCE_S = 60.0  # longest wait, also on a busy machine
 MS = 1_000_000
 
 
@@ -66,10 +64,3 @@ def device(bench: Bench):
     found = bench.find()
     yield found
     usb.util.dispose_resources(found)
-
-
-def eventually(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.005)

@@ -6,8 +6,6 @@ import pytest
 import usb.core
 import usb.util
 
-from drivers.takktile import protocol
-
 VENDOR_IN = 0xC0
 SCAN, TIMER = 0x5C, 0xC7
 
@@ -41,50 +39,8 @@ def test_a_program_may_set_the_configuration_that_is_set(device):
     device.clear_halt(0x81)
 
 
-def test_a_started_board_streams_frames_of_72_bytes(bench, device):
-    start(device)
-    for _ in range(20):
-        frame = bytes(device.read(0x81, 512, 1000))
-        assert protocol.parse_frame(frame, 18)[0].tolist() == bench.codes.tolist()
-
-
 def test_a_board_that_was_not_started_times_out(device):
     with pytest.raises(usb.core.USBTimeoutError) as caught:
         device.read(0x81, 512, 30)
     assert caught.value.errno == errno.ETIMEDOUT
     assert caught.value.backend_error_code == -7
-
-
-def test_a_stall_is_errno_32_and_ends_by_itself(bench, device):
-    start(device)
-    bench.inject("stall")
-    with pytest.raises(usb.core.USBError) as caught:
-        device.read(0x81, 512, 1000)
-    assert caught.value.errno == errno.EPIPE
-    device.clear_halt(0x81)
-    assert len(device.read(0x81, 512, 1000)) == 72
-
-
-def test_a_hung_board_times_out_on_both_endpoints(device):
-    start(device)
-    for _ in range(2):
-        with pytest.raises(usb.core.USBTimeoutError):  # a scan while sampling hangs it
-            device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64, 30)
-    with pytest.raises(usb.core.USBTimeoutError):
-        device.read(0x81, 512, 30)
-
-
-def test_a_second_program_gets_busy_until_the_first_releases_the_board(bench, device):
-    usb.util.claim_interface(device, 0)
-    second = bench.find()
-    for attempt in (
-        lambda: usb.util.claim_interface(second, 0),
-        lambda: second.read(0x81, 512, 30),
-        second.set_configuration,
-    ):
-        with pytest.raises(usb.core.USBError) as caught:
-            attempt()
-        assert caught.value.errno == errno.EBUSY
-    usb.util.dispose_resources(device)
-    usb.util.claim_interface(second, 0)
-    usb.util.dispose_resources(second)

@@ -8,7 +8,8 @@ import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from tests.wire.drivers.ur.emulator.test_process import Rtde
-from tests.wire.lab import emulate, until
+from tests.wire.lab import emulate
+from tests.wire.waiting import until
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.wire.drivers.ur.emulator.test_process import ask_dashboard
-from tests.wire.lab import PATIENCE_S, ROOT, until
+from tests.wire.lab import ROOT
+from tests.wire.waiting import PATIENCE_S, until
 
 
 def python(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -20,8 +20,14 @@ def requests():
 def serve(requests):
     opened = []
 
+    def execute(request):
+        if request["verb"] == "dance":
+            raise KeyError("dance")
+        requests.append(request)
+        return {}
+
     def start(token=""):
-        opened.append(ControlServer(HOST, lambda request: requests.append(request) or {}, token))
+        opened.append(ControlServer(HOST, execute, token))
         return opened[-1].__enter__()
 
     yield start
@@ -41,6 +47,7 @@ def ask(server, line, more=""):
 
 INVALID_REQUESTS = (
     "", "null", "[]", "{", '{"verb": NaN}', "[" * 60_000, '{"verb": "a", "x": 1e999}', "\x00",
+    "{}", '{"verb": "dance"}',
 )  # fmt: skip
 
 

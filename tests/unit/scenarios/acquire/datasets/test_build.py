@@ -29,7 +29,6 @@ PAPER_TABLE = {
     ("oblique", 0.1): (3.9, 4.2, 3.0, 3.1),
     ("rotation", 1.0): (3.8, 1.2, 1.5, 1.2),
 }
-PAPER_STATIC, PAPER_SLIP = 143_584, 122_918
 HERE = Workers(0)
 
 

@@ -13,7 +13,8 @@ from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.settings import DriverSettings, ModbusSettings
 from tests.calibrations import PAPER
 from tests.wire.cases import case
-from tests.wire.drivers.robotiq.rig import QUICK, FastClock, until
+from tests.wire.drivers.robotiq.rig import QUICK, FastClock
+from tests.wire.waiting import until
 
 ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"
 ACTIVATED = "09 10 03 e8 00 03 01 30"

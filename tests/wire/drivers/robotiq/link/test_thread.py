@@ -5,13 +5,14 @@ import time
 
 import pytest
 
-from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.errors import LinkLost
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.emulator import FaultKind, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.settings import DriverSettings
 from tests.calibrations import PAPER
-from tests.wire.drivers.robotiq.rig import QUICK, until
+from tests.wire.drivers.robotiq.rig import QUICK
+from tests.wire.waiting import until
 
 FAST = 0.11
 MS = 1_000_000
@@ -82,16 +83,6 @@ def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
     assert without_repeats(served.writes) == bytes_in_a_loop()
 
 
-def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
-    served = serve()
-    with connect(served).threaded(period_s=600.0) as gripper:
-        gripper.move_to((60, 60, 60), FAST, 10.0)
-        assert not gripper.state.fresh, "from the verb on"
-        until(lambda: len(served.writes) == 1)
-        until(lambda: len(gripper.acknowledgements_ns) == 1)
-        assert gripper.polls >= 2
-
-
 def test_a_verb_delayed_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
     served = serve()
     with connect(served).threaded(period_s=600.0) as gripper:
@@ -101,12 +92,6 @@ def test_a_verb_delayed_by_the_write_interval_is_sent_when_it_is_over(serve, con
         last = PAPER.speed_byte_at_most(0.08)
         until(lambda: served.writes[-1:] != [] and served.writes[-1][4] == last)
         until(lambda: gripper.acknowledgements_ns)
-
-
-def test_a_refusal_is_raised_to_the_caller(serve, connect) -> None:
-    with connect(serve()).threaded() as gripper, pytest.raises(Refused):
-        gripper.move_to((60, 60, 60), FAST, 1.0)
-        until(lambda: gripper.poll(0))  # a deferred verb is refused after the exchange
 
 
 def test_a_lost_link_is_raised_once_and_reconnects(serve, connect) -> None:
@@ -121,18 +106,6 @@ def test_a_lost_link_is_raised_once_and_reconnects(serve, connect) -> None:
         gripper.poll(0)
         seq = gripper.state.seq
         until(lambda: gripper.state.seq > seq)
-
-
-def test_a_fault_is_raised_once(serve, connect) -> None:
-    served = serve()
-    with connect(served).threaded() as gripper:
-        served.emulator.inject_fault(0x0D)
-        until(lambda: gripper.state.fault == 0x0D)
-        with pytest.raises(DeviceFault):
-            until(lambda: gripper.poll(0))
-        seq = gripper.state.seq
-        until(lambda: gripper.state.seq > seq + 3)
-        gripper.poll(0)
 
 
 def test_the_thread_can_be_stopped_and_started_again(serve, connect) -> None:

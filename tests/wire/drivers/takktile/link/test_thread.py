@@ -11,7 +11,8 @@ from drivers.interfaces import TactileSensor
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.link import ReadingThread
 from drivers.takktile.settings import TakkTileSettings
-from tests.wire.drivers.takktile.conftest import PATIENCE_S, Bench, eventually
+from tests.wire.drivers.takktile.conftest import Bench
+from tests.wire.waiting import PATIENCE_S, until
 
 # An age limit that holds on a busy machine; missed old samples have their own test.
 SETTINGS = TakkTileSettings(max_age_ms=1000.0)
@@ -55,7 +56,7 @@ def failure(reader: TakkTileDriver) -> LinkLost | DeviceFault:
 
 
 def test_frames_that_are_not_polled_are_overruns(reader):
-    eventually(lambda: reader.statistics.overruns > 0, "ring full")
+    until(lambda: reader.statistics.overruns > 0, "ring full")
     reader.poll(time.monotonic_ns())
     assert reader.latest_raw is not None
     assert reader.statistics.decimated == 63

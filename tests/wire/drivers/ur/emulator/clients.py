@@ -106,31 +106,6 @@ def path_and_custom_script(site):
     assert any("greeting 3" in line for line in site.fault(do="state")["messages"])
 
 
-def async_move_and_stop(site):
-    c = site.connect()
-    assert c.moveL(site.target(dz=0.2), 0.05, 0.5, True)
-    until(lambda: site.speed > 0.02, "does not move")
-    assert c.getAsyncOperationProgressEx().isAsyncOperationRunning()
-    c.stopL(2.0)
-    until(lambda: site.speed == 0.0, "does not stop")
-    assert 0.3 < site.position[2] < 0.499
-    until(lambda: not c.getAsyncOperationProgressEx().isAsyncOperationRunning(), "still running")
-    assert c.isProgramRunning()
-    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
-
-
-def speed_l(site):
-    c = site.connect()
-    assert c.speedL([0.0, 0.04, 0.0, 0.0, 0.0, 0.0], 0.5)
-    until(lambda: abs(site.receive.getActualTCPSpeed()[1] - 0.04) < 1e-9, "speed not reached")
-    assert max(map(abs, site.receive.getActualQd())) > 0.01
-    assert c.speedL([0.0, 0.0, -0.03, 0.0, 0.0, 0.0], 0.5)
-    until(lambda: abs(site.receive.getActualTCPSpeed()[2] + 0.03) < 1e-9, "direction not taken")
-    assert c.speedStop(1.0)
-    until(lambda: site.speed == 0.0, "does not stop")
-    until(c.isSteady, "never steady")
-
-
 def settings(site):
     c = site.connect()
     assert c.setPayload(1.5, [0.0, 0.0, 0.05])
@@ -143,21 +118,6 @@ def settings(site):
     until(lambda: near(site.position, target[:3]), "not at the target")
     assert c.isPoseWithinSafetyLimits(target)
     assert not c.isPoseWithinSafetyLimits(site.target(dx=3.0))
-
-
-def watchdog(site):
-    c = site.connect()
-    assert c.setWatchdog(4.0)
-    for _ in range(8):
-        assert c.kickWatchdog()
-        time.sleep(0.1)
-    assert c.speedL([0.0, 0.0, 0.02, 0.0, 0.0, 0.0], 0.5)
-    until(lambda: not c.isProgramRunning(), "the watchdog sleeps")
-    until(lambda: site.speed == 0.0, "moves without a program")
-    assert not c.moveL(site.target(), 0.25, 1.2)
-    assert c.reuploadScript()
-    until(c.isProgramRunning, "program does not start again")
-    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
 
 
 def protective_stop(site):
@@ -180,23 +140,6 @@ def protective_stop(site):
     assert "PROTECTIVE_STOP" in dashboard.safetystatus()
     dashboard.unlockProtectiveStop()
     until(lambda: not site.receive.isProtectiveStopped(), "not unlocked")
-    recovered(site, c)
-
-
-def emergency_stop(site):
-    c = site.connect()
-    assert c.moveL(site.target(dz=0.2), 0.05, 0.5, True)
-    until(lambda: site.speed > 0.01, "does not move")
-    site.fault(do="emergency_stop")
-    until(lambda: site.receive.isEmergencyStopped() and site.speed == 0.0, "no emergency stop")
-    until(lambda: site.receive.getRobotMode() == 3, "not switched off")
-    assert not c.moveL(site.target(), 0.05, 0.5)
-    site.fault(do="emergency_stop", pressed=False)
-    dashboard = dashboard_client.DashboardClient(site.host)
-    dashboard.connect()
-    dashboard.powerOn()
-    dashboard.brakeRelease()
-    until(lambda: site.receive.getRobotMode() == 7, "not running")
     recovered(site, c)
 
 
@@ -265,13 +208,6 @@ def in_use(site):
         raise AssertionError("connected")
     site.fault(do="unclaim")
     site.connect()
-
-
-def dropped(site):
-    site.fault(do="drop_link")
-    until(lambda: not site.receive.isConnected(), "still connected")
-    assert site.receive.reconnect()
-    assert near(site.position, (0.5, 0.1, 0.3))
 
 
 def main(scenario, host, fault_port):

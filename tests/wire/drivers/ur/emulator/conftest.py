@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -61,23 +62,29 @@ def own_address() -> str:
     return f"127.{20 + pid % 200}.{pid // 200 % 250}.{next(_numbers) % 250 + 2}"
 
 
-@pytest.fixture
-def emulate() -> Iterator[Callable[..., Emulated]]:
-    """Start emulators; all end with the test."""
-    running: list[subprocess.Popen[str]] = []
+@contextmanager
+def running(kind: type[Emulated]) -> Iterator[Callable[..., Emulated]]:
+    """Start emulators; all end with the context."""
+    processes: list[subprocess.Popen[str]] = []
 
-    def start(*arguments: str) -> Emulated:
-        host = own_address()
+    def start(*arguments: str, host: str | None = None) -> Emulated:
+        host = host or own_address()
         command = [sys.executable, "-m", "drivers.ur.emulator", "--host", host, *arguments]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        running.append(process)
-        return Emulated(process, host, json.loads(process.stdout.readline())["fault_port"])
+        processes.append(process)
+        return kind(process, host, json.loads(process.stdout.readline())["fault_port"])
 
     yield start
-    for process in running:
+    for process in processes:
         process.terminate()
         process.wait(DEADLINE_S)
         process.stdout.close()
+
+
+@pytest.fixture
+def emulate() -> Iterator[Callable[..., Emulated]]:
+    with running(Emulated) as start:
+        yield start
 
 
 @pytest.fixture

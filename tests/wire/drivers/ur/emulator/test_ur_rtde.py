@@ -3,10 +3,8 @@
 import pytest
 
 CB3 = (
-    "fields", "move_l", "path_and_custom_script", "async_move_and_stop", "speed_l", "settings",
-    "watchdog",
-    "protective_stop", "emergency_stop", "stop_after_speed", "io", "dashboard", "in_use",
-    "dropped",
+    "fields", "move_l", "path_and_custom_script", "settings", "protective_stop", "stop_after_speed",
+    "io", "dashboard", "in_use",
 )  # fmt: skip
 
 

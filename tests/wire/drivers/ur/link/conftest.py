@@ -1,11 +1,7 @@
 """Fixtures: unique addresses, an emulated controller in another process, and a link to it."""
 
 import itertools
-import json
 import os
-import socket
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,6 +9,7 @@ import psutil
 import pytest
 
 from drivers.ur.link import messages
+from tests.wire.drivers.ur.emulator.conftest import Emulated, running
 from tests.wire.drivers.ur.link.scripted import ScriptedController
 
 ROOT = Path(__file__).parents[5]
@@ -57,23 +54,11 @@ def controller(host):
         each.close()
 
 
-class Emulator:
-    """Process of the emulator, with its control channel."""
-
-    def __init__(self, host, profile):
-        command = [sys.executable, "-m", "drivers.ur.emulator"]
-        self.host = host
-        self.process = subprocess.Popen(
-            [*command, "--host", host, "--profile", profile], cwd=ROOT, stdout=subprocess.PIPE
-        )
-        self.ready = json.loads(self.process.stdout.readline())
-        self._socket = socket.create_connection((host, self.ready["fault_port"]), timeout=20)
-        self._lines = self._socket.makefile("rw")
+class Emulator(Emulated):
+    """The emulator, whose requests must succeed."""
 
     def do(self, verb, **options):
-        self._lines.write(json.dumps({"do": verb, **options}) + "\n")
-        self._lines.flush()
-        reply = json.loads(self._lines.readline())
+        reply = self.fault(do=verb, **options)
         assert reply["ok"], reply
         return reply
 
@@ -86,28 +71,9 @@ class Emulator:
             assert time.monotonic() < deadline, state
             time.sleep(0.01)
 
-    def close(self):
-        self._lines.close()
-        self._socket.close()
-        self.process.terminate()
-        try:
-            self.process.wait(10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        self.process.stdout.close()
-
 
 @pytest.fixture
 def emulate(host):
     pytest.importorskip("rtde_control")
-    pytest.importorskip("drivers.ur.emulator")
-    running = []
-
-    def make(profile="cb3"):
-        running.append(Emulator(host, profile))
-        return running[-1]
-
-    yield make
-    for emulator in running:
-        emulator.close()
+    with running(Emulator) as start:
+        yield lambda profile="cb3": start("--profile", profile, host=host)

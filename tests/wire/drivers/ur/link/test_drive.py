@@ -4,8 +4,6 @@ import pytest
 
 from tests.wire.drivers.ur.link.test_client import connect  # noqa: F401
 
-LONG = 300  # polls
-
 
 def drive_until(arm, velocity, spin, condition):
     def renewed():

@@ -17,6 +17,7 @@ from drivers.ur.link.messages import Outcome, State
 from drivers.ur.link.supervisor import WorkerProcess
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, SETUP, TARGET, workers
+from tests.wire.waiting import until
 
 LONG_S = 30.0
 
@@ -111,13 +112,6 @@ def test_child_that_does_not_shut_down_is_killed():
     start = time.monotonic()
     worker.close(0.2)
     assert time.monotonic() - start < 30
-
-
-def until(condition):
-    deadline = time.monotonic() + LONG_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def blocked_in_start(client, host):
