@@ -11,11 +11,14 @@ def suspicions(recording: Recording) -> list[str]:
     counts = recording.counts
     flat = counts.reshape(len(counts), -1)
     found = []
-    if flat.min() > -MOST_NOISE_COUNTS and flat.max() > MOST_NOISE_COUNTS:
+    means = counts.mean(axis=2)
+    highest, lowest = means.max(axis=0), means.min(axis=0)
+    if (raised := (highest > MOST_NOISE_COUNTS) & (highest > -lowest)).any():
+        i = int(raised.argmax())
         found.append(
-            f"no count is below {flat.min()}, the largest is {flat.max()}: pressing must lower the "
-            "counts. Rest is not subtracted, or the sign is opposite (`grasp dataset import` "
-            "--rest-seconds, --sign)"
+            f"the mean of {FINGER_NAMES[i]}'s counts goes up to {highest[i]:.0f} and down to "
+            f"{lowest[i]:.0f}: pressing must lower the counts. Rest is not subtracted, or the sign "
+            "is opposite (`grasp dataset import` --rest-seconds, --sign)"
         )
     same = (flat == flat[0]).all(axis=0)
     if same.any():

@@ -25,6 +25,7 @@ COUNTS_LIMIT = CODE_MAX  # difference of two codes
 SUFFIX = ".npz"
 INDEX = "dataset.json"  # of a data set
 SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition
+RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
@@ -161,15 +162,20 @@ def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
         partial.unlink(missing_ok=True)
 
 
+def files_in(folder: Path) -> list[Path]:
+    """Files of labelled samples in the folder of an acquisition, else of all recordings in it."""
+    return sorted(folder.glob(SAMPLES)) or sorted(folder.glob(RECORDINGS))
+
+
 def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
     """All ``.npz`` recordings under a folder, sorted by path; with ``split`` only those of it.
     Raises BadFile for the first damaged file, and for a folder without recordings."""
     folder = Path(folder)
     recordings = []
-    for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")):
+    for path in sorted(folder.rglob(RECORDINGS)):
         recording = read(path)
         if split is not None and recording.metadata is None:
-            raise BadFile(path, "belongs to no split", "write it with metadata")
+            raise BadFile(path, "belongs to no split", "`grasp dataset collect` gives it one")
         if split is None or (recording.metadata and recording.metadata.split == split):
             recordings.append(recording)
     if not recordings:
@@ -271,6 +277,10 @@ def read_csv(path: Path | str, labelled: bool = True) -> Recording:
     False, the label may be missing and is then static throughout."""
     text = read_table(Path(path))
     source, lines = text.source, text.lines[1:]
+    if comma := text.decimal_comma():
+        problem = f"{comma[0]!r} has a comma as the decimal sign"
+        remedy = f"write numbers with a decimal point, or {IMPORT} reads them"
+        raise BadFile(source, problem, remedy, comma[1])
     columns = _columns(text, labelled)
     if len(lines) < 2:
         raise BadFile(source, f"{len(lines)} samples", "at least 2 are needed")

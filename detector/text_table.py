@@ -14,7 +14,7 @@ from drivers.errors import BadFile
 DELIMITERS = "\t;,"  # in this order: a comma may be within the cells of the others
 MOST_BYTES = 200_000_000  # of a file: hours; as text it needs up to 13 times its size in memory
 MOST_SHARED = 6  # characters of a cell that shares its memory with equal ones: a count
-DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
 
 
 class TextTable(msgspec.Struct, frozen=True):
@@ -32,6 +32,11 @@ class TextTable(msgspec.Struct, frozen=True):
                 remedy = f"there must be {len(self.rows[0])}, as in the first row"
                 raise BadFile(self.source, f"{len(row)} columns", remedy, line)
         return list(zip(*self.rows[first:], strict=True))
+
+    def decimal_comma(self) -> tuple[str, int] | None:
+        """The first number with a comma as the decimal sign, and its line."""
+        cells = ((cell, n) for row, n in zip(self.rows, self.lines, strict=True) for cell in row)
+        return next((at for at in cells if "," in at[0] and DECIMAL_COMMA.fullmatch(at[0])), None)
 
 
 @contextmanager
@@ -53,8 +58,8 @@ def require_file(path: Path) -> None:
         raise BadFile(path, what, "give one recording: a .npz or .csv file")
 
 
-def read_table(path: Path) -> TextTable:
-    """Read a table. Raises BadFile for another kind of file, and a comma as the decimal sign."""
+def read_table(path: Path, empty_rows: bool = False) -> TextTable:
+    """Read a table; ``empty_rows``: keep rows of empty cells between others. Raises BadFile."""
     require_file(path)
     if path.exists() and (size := path.stat().st_size) > MOST_BYTES:
         problem = f"is too large: {size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} are allowed"
@@ -69,9 +74,10 @@ def read_table(path: Path) -> TextTable:
             for row in reader
         )
         numbered = [(row, reader.line_num) for row in cells]
-    numbered = [(row, line) for row, line in numbered if any(row)]
-    for row, line in numbered:
-        if comma := next((cell for cell in row if DECIMAL_COMMA.fullmatch(cell)), None):
-            problem = f"{comma!r} has a comma as the decimal sign"
-            raise BadFile(path, problem, "write numbers with a decimal point", line)
+    filled = [at for at, (row, _) in enumerate(numbered) if any(row)]
+    if empty_rows and filled:
+        rows = numbered[filled[0] : filled[-1] + 1]
+        numbered = [(row, line) for row, line in rows if len(row) > 1 or any(row)]
+    else:
+        numbered = [numbered[at] for at in filled]
     return TextTable(str(path), [row for row, _ in numbered], [line for _, line in numbered])

@@ -22,6 +22,9 @@ T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
 MAX_CHARACTERS = 1_000_000  # of a file
+UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+# a key, and a number with a comma as the decimal sign
+COMMA_LINE = re.compile(r"^[ \t]*([\w.-]+)[ \t]*=[ \t]*([+-]?[0-9]+,[0-9]+)[ \t]*(?:#.*)?$", re.M)
 MAX_DEPTH = 16  # of nested tables and lists
 TOGETHER = "values that are consistent with each other"
 # keys that are chosen by a command-line option, because they select further settings
@@ -50,17 +53,34 @@ def names(kind: str) -> list[str]:
 
 def read_toml(path: Path) -> Layer:
     """Read a file as a layer; raises ConfigError if it is missing, malformed or no settings."""
+    text = ""
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             text = file.read(MAX_CHARACTERS + 1)
+        if "\0" in text:
+            raise _other_encoding(path, "UTF-16")
         if len(text) > MAX_CHARACTERS:
             raise ValueError(f"more than {MAX_CHARACTERS} characters")
         table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
+    except UnicodeDecodeError as error:
+        marked = error.object.startswith(UTF_16_MARKS)
+        raise _other_encoding(path, "UTF-16" if marked else "Latin-1 or Windows-1252") from None
     except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, tomllib.TOMLDecodeError) and (comma := COMMA_LINE.search(text)):
+            raise _decimal_comma(str(path), *comma.groups()) from None
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
     return checked(Layer(str(path), table))
+
+
+def _other_encoding(path: Path, likely: str) -> ConfigError:
+    return ConfigError(str(path), "-", f"is not UTF-8, but probably {likely}", "save it as UTF-8")
+
+
+def _decimal_comma(source: str, key: str, value: str) -> ConfigError:
+    point = f"write a decimal point: {value.replace(',', '.')}"
+    return ConfigError(source, key, f"is {value}, with a comma as the decimal sign", point)
 
 
 def checked(layer: Layer) -> Layer:
@@ -190,6 +210,8 @@ def _value(key: str, text: str) -> Any:
     try:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
+        if COMMA_LINE.match(f"v={text}"):
+            raise _decimal_comma("--set", key, text) from None
         return text
     except (ValueError, RecursionError) as error:  # thousands of digits or brackets
         raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None

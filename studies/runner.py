@@ -19,6 +19,7 @@ from grasp.cli.options import Pool, Settings, whole
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.files import save_figure, write_whole
+from scenarios.report.export import pyplot
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
@@ -157,12 +158,7 @@ def draw(study: Study[Any, Row], rows: Sequence[Row], out: Path) -> None:
     """Draw the chart of a study; needs the extra `exports`. Raises OSError."""
     if study.chart is None:
         return
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    plt.rcParams["svg.hashsalt"] = "grasp"
+    plt = pyplot()
     figure = plt.figure(figsize=study.figure_size, layout="constrained")
     study.chart(rows, figure)
     save_figure(figure, out, dpi=110)

@@ -102,7 +102,6 @@ def calibrate_noise(args: commands.NoiseOptions) -> int:
     config = lab.hardware_config(args)
     detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
-    lab.warn_of_weak_calibration(config.calibration)
     hand_guard(config)  # raises where a run would be refused
 
     def plan() -> str:

@@ -3,7 +3,6 @@ takes these options and implements it, in the module from ``main.module_of``: `g
 is ``devices.gripper_step``."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, get_args
@@ -69,7 +68,7 @@ class TrialsOptions(RunOptions):
         "continue --out: run missing trials and those ended by a device"] = False
     report: Annotated[bool, "write an HTML page for each recording"] = False
     view: Annotated[bool, "show the run on a local web page"] = False
-    keep = first = False
+    keep = first = unattended = False
     feed: int | None = None
 
     @property
@@ -84,8 +83,8 @@ class TrialsOptions(RunOptions):
 
     @property
     def asked(self) -> bool:
-        """Whether an operator is asked on real devices: not by a single lift of a script."""
-        return not self.single or (sys.stdin is not None and sys.stdin.isatty())
+        """Whether an operator is asked on real devices: not by an unattended lift."""
+        return not self.unattended
 
 
 class LiftOptions(TrialsOptions, command="run lift",
@@ -100,6 +99,7 @@ class LiftOptions(TrialsOptions, command="run lift",
         decimal(0.5, 30, "N")] = None
     first: Annotated[bool,
         "first lift of a new setup: slow, with the least force, step by step"] = False
+    unattended: Annotated[bool, "on real devices, for one lift of a script: ask nobody"] = False
     feed: Annotated[int | None, "FD", argparse.SUPPRESS, whole(3, 65_535)] = None  # for `grasp ros`
     object: Annotated[str | None, "NAME", f"{OBJECT_HELP} (default: can, on real devices an "
         "unnamed object; with --first: foam)"] = None
@@ -247,6 +247,8 @@ class DatasetImportOptions(DatasetOptions, command="dataset import",
         "numbers, with commas (default: all but time and label)"] = ""
     taxels: Annotated[int, "N", "of a fingertip", whole(1, 100)] = 6
     sign: Annotated[Literal["negative", "positive"], "of a press"] = "negative"
+    scale: Annotated[float | None, "N", "counts per unit of the pressures, such as 8 for kPa "
+        "(default: 1)", decimal(1e-9, 1e9)] = None
     rest_seconds: Annotated[float, "N", "subtract the median of the first seconds",
         decimal(0, 3600, "s")] = 0.0
     labels: Annotated[Path | None, "FILE",

@@ -101,13 +101,13 @@ def gripper_activate(args: commands.ActivateOptions) -> int:
 
 
 def gripper_close(args: commands.CloseOptions) -> int:
-    fingers, config = hand.finger_names(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), lab.hardware_config(args)
     plan = f"close finger {fingers} to {args.to} counts"
     return _move(args, config, plan, lambda at: hand.closing_targets(at, fingers, args.to), fingers)
 
 
 def gripper_step(args: commands.StepOptions) -> int:
-    fingers, config = hand.finger_names(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), lab.hardware_config(args)
     counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
     return _move(args, config, plan, lambda at: hand.step_targets(at, fingers, counts), closing)
@@ -150,7 +150,7 @@ def _move(
 
 
 def release(args: commands.ReleaseOptions) -> int:
-    config = _hand_config(args)
+    config = lab.hardware_config(args)
 
     def look() -> str:
         settings_to_open(config)  # raises without a calibration
@@ -177,13 +177,6 @@ def release(args: commands.ReleaseOptions) -> int:
     return lab.perform(
         args, config, lambda: f"open all fingers at {_speed(settings_to_open(config))}", look, act
     )
-
-
-def _hand_config(args: commands.MotionOptions) -> RunConfig:
-    """Load the settings; warns of a weak calibration first, also in a dry run."""
-    config = lab.hardware_config(args)
-    lab.warn_of_weak_calibration(config.calibration)
-    return config
 
 
 def _motion(config: RunConfig, at: Counts3, to: Counts3) -> str:

@@ -5,7 +5,6 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from drivers.errors import GraspError, UsageError
-from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
 from grasp.cli import exits
 from grasp.cli.commands import RosOptions, RunOptions
@@ -15,7 +14,7 @@ from grasp.cli.output import print_json
 from grasp.run import signals
 from scenarios.acquire.config import AcquireConfig
 from scenarios.campaign.config import RunConfig, load_for_devices
-from scenarios.rigs.calibration import describe_calibration, weak_claim
+from scenarios.rigs.calibration import describe_calibration
 from scenarios.rigs.config import HARDWARE, AnyRigConfig
 from scenarios.rigs.permission import MotionPermit, arm_address, check_devices, permit
 from scenarios.trial.config import TrialConfig
@@ -83,6 +82,8 @@ def motion_permit(
 ) -> MotionPermit | None:
     """Permission to move real devices; None if the rig has none. Without `--confirm-motion` it
     prints the motion and raises UsageError."""
+    if args.confirm_motion and config.rig != HARDWARE:
+        say(f"--confirm-motion has no effect: rig {args.rig} has no real devices")
     try:
         return permit(config, args.confirm_motion, args.config, args.set, args.rig)
     except UsageError:
@@ -105,12 +106,6 @@ def permit_run(config: TrialConfig | AcquireConfig, args: RunOptions) -> MotionP
 
 
 # Warnings on standard error
-
-
-def warn_of_weak_calibration(calibration: GripperCalibration | None) -> None:
-    """Warn of a calibration that claims less force than the manual states."""
-    if calibration is not None and (claim := weak_claim(calibration)):
-        say(claim)
 
 
 def warn_of_slow_arm(config: AnyRigConfig) -> None:

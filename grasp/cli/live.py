@@ -158,7 +158,7 @@ def verdict(result: TrialResult) -> str:
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     why = [f"{fault.code} ({fault.device})" for fault in result.faults]
     what = ", ".join(why) if result.outcome == "fault" and why else result.outcome
-    lines = [f"\n{word}: {spelt(what)}  ({result.object}, seed {result.seed})"]
+    lines = [f"\n{word}: {spelt(what)}  ({result.object}, rig {result.rig}, seed {result.seed})"]
     lines += [f"  {text}" for text in facts(result)]
     if result.success is not None and result.outcome != "fault" and result.end is not None:
         where = f"{result.end.where}: " if result.end.where else ""

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from drivers.errors import UsageError
+from drivers.errors import UsageError, one_line
 from grasp.cli.parser import How, Options
 from grasp.files import is_stream, nearest_folder, why_not_writable, write_error
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
+MOST_DIGITS = 100  # of a whole number: Python converts no more than 4,300
 PICTURES = (".svg", ".png", ".pdf")
 BUDGET = "false alarms per minute and hand"
 OBJECT_HELP = "an object of config/objects (also the held-out ones), or your .toml file"
@@ -23,12 +24,12 @@ OBJECT_HELP = "an object of config/objects (also the held-out ones), or your .to
 
 def whole(least: int, most: int) -> Callable[[str], int]:
     def number(text: str) -> int:
-        if not text.removeprefix("-").isdecimal():
+        if not (text.isascii() and text.removeprefix("-").isdecimal()):
             raise argparse.ArgumentTypeError(
                 f"{text!r} is not a whole number, allowed: {least} to {most}"
             )
-        if not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"{text} is out of range: {least} to {most}")
+        if len(text) > MOST_DIGITS or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{one_line(text)} is out of range: {least} to {most}")
         return int(text)
 
     return number
@@ -39,13 +40,15 @@ def decimal(least: float, most: float, unit: str = "") -> Callable[[str], float]
 
     def number(text: str) -> float:
         try:
-            value = float(text)
+            value = float(text) if text.isascii() and "_" not in text else math.nan
         except ValueError:
             value = math.nan
         if math.isnan(value):
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number, allowed: {within}")
+            point = ", write a decimal point" if "," in text else ""
+            problem = f"{one_line(repr(text))} is not a number{point}, allowed: {within}"
+            raise argparse.ArgumentTypeError(problem)
         if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text} is out of range: {within}")
+            raise argparse.ArgumentTypeError(f"{one_line(text)} is out of range: {within}")
         return value
 
     return number

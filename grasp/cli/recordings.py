@@ -103,8 +103,11 @@ def runs(args: RunsOptions) -> int:
         from grasp.cli.campaign import show_summary
 
         return show_summary(args, args.file)
+    from scenarios.trial.run_folder import run_order
+
     results, lines, code = [], [], exits.SUCCESS
-    for path in sorted(args.runs.glob("*/result.json")):
+    found = sorted(args.runs.glob("*/result.json"), key=lambda path: run_order(path.parent))
+    for path in found:
         try:
             result = json.loads(path.read_bytes())
             lines.append(_line(path.parent.name, result))

@@ -145,7 +145,7 @@ class Lifts:
         words += ["--detector", args.detector] if args.detector else []
         words += [word for file in args.config or () for word in ("--config", str(file))]
         words += [word for text in args.set for word in ("--set", text)]
-        return words + (["--confirm-motion"] if self.permit is not None else [])
+        return words + (["--confirm-motion", "--unattended"] if self.permit is not None else [])
 
     def _load(self, goal: Goal) -> RunConfig:
         args = self._args

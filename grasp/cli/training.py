@@ -2,6 +2,7 @@
 them and write its weights (extra `train`)."""
 
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from detector.network_file import WEIGHTS_SUFFIX
 from detector.recordings import SUFFIX, Recording, write
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError, one_line
+from drivers.interfaces import KIT_TAXELS
 from grasp.cli import exits
 from grasp.cli.commands import (
     DatasetBuildOptions,
@@ -94,8 +96,8 @@ def dataset_import(args: DatasetImportOptions) -> int:
         raise UsageError("--labels belongs to one FILE", "import one after the other")
     options = ImportOptions(
         time_column=args.time_column, rate_hz=args.rate, unit=args.unit, columns=args.columns,
-        taxels=args.taxels, sign=args.sign, rest_s=args.rest_seconds, labels=args.labels,
-        resample=args.resample,
+        taxels=args.taxels, sign=args.sign, scale=args.scale, rest_s=args.rest_seconds,
+        labels=args.labels, resample=args.resample,
     )  # fmt: skip
     imported: dict[Path, tuple[Recording, list[str]]] = {}
     for file in args.file:
@@ -114,7 +116,19 @@ def dataset_import(args: DatasetImportOptions) -> int:
         text = f"{out}: {len(recording.t_s)} samples, fingers: {recording.fingers}"
         lines = [one_line(line, exits.MAX_CHARACTERS) for line in (text, *changes, *hashes)]
         show(args, value, "\n  ".join(lines))
+    if not args.json:
+        print(f"next: `{_after_import(args, imported)}`")
     return exits.SUCCESS
+
+
+def _after_import(args: DatasetImportOptions, made: dict[Path, tuple[Recording, list[str]]]) -> str:
+    """The command that uses the imported recordings."""
+    for out, (recording, _) in made.items():
+        if not recording.labelled:
+            return shlex.join(("grasp", "replay", "--tactile", str(out)))
+    detector = "tcn" if args.taxels == KIT_TAXELS else "energy"
+    source = ("--recording", str(next(iter(made)))) if len(made) == 1 else ("--data", str(args.out))
+    return shlex.join(("grasp", "detector", "evaluate", detector, *source))
 
 
 def detector_train(args: TrainOptions) -> int:
@@ -168,9 +182,14 @@ def _prepare(args: TrainOptions) -> "tuple[Training, list[Recording]]":
     from detector.training.fit import Training
     from detector.training.sequences import digest
     from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
+    from scenarios.acquire.datasets.build import divided
 
-    learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
-    validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
+    learnt: list[Recording] = []
+    validation: list[Recording] = []
+    for folder in args.data:
+        own = divided(folder, exits.print_detail)
+        learnt += own["train"] if own else read_dataset(folder, "train")
+        validation += own["validation"] if own else read_dataset(folder, "validation")
     given = {name: getattr(args, name) for name in SETTINGS if getattr(args, name) is not None}
     if args.windows:
         given = WINDOWS | given

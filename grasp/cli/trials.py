@@ -45,6 +45,8 @@ def start(
 
         return dry_run(config, args)
     permit = lab.permit_run(config, args)
+    if permit is not None:
+        _check_attended(args)
     make_guard(config)  # raises before any output if the limit cannot be kept
     if permit is not None:
         from grasp.cli.plans import as_run, plan
@@ -70,6 +72,16 @@ def start(
 
     used = config.for_lift() if args.scenario == "lift" else config.for_tap()
     return run_trials(args, used, permit, begin)
+
+
+def _check_attended(args: TrialsOptions) -> None:
+    """Raise UsageError where a question to a person would have no answer."""
+    later = args.first or not args.single  # its operator needs a terminal, and says so
+    if args.unattended and later:
+        raise UsageError("--unattended is for one lift that asks nobody", "leave it out")
+    if not (args.unattended or later or (sys.stdin is not None and sys.stdin.isatty())):
+        remedy = "start it at one; a script that may move the arm without a person: --unattended"
+        raise UsageError("nobody is at a terminal to watch and to answer questions", remedy)
 
 
 def _begin_first(config: RunConfig, permit: MotionPermit | None, args: TrialsOptions) -> RunConfig:
@@ -306,6 +318,6 @@ def _write_pages(results: Sequence[TrialResult], quiet: bool) -> None:
         try:
             page = write_page(Path(result.recording))
             if not quiet:
-                print(f"  page: {page}")
+                print(f"  open this page in a browser: {page.resolve()}")
         except (GraspError, OSError) as error:
             say(f"no page of seed {result.seed}: {error}")

@@ -41,9 +41,9 @@ EachPerNewton = Annotated[tuple[PerNewton, ...], Meta(min_length=3, max_length=3
 def limit_in_words(limit_n: float, limit_mode: LimitMode) -> str:
     """State the force limit and its meaning: for every finger, or for each motor."""
     if limit_mode == "every_finger":
-        return f"limit {limit_n:g} N, {limit_mode}: it applies to each finger"
+        return f"limit {limit_n:g} N on each finger"
     both = f"the thumb bears the sum of B and C, about {2 * limit_n:g} N"
-    return f"limit {limit_n:g} N, {limit_mode}: {both}"
+    return f"limit {limit_n:g} N on each motor: {both}"
 
 
 class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -83,6 +83,7 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     recording: str | None  # of the whole session
     recordings: list[str]  # labelled, for training
     versions: dict[str, str]
+    started: str | None = None  # UTC of this machine, ISO 8601; None: not recorded
     failure: Failure | None = None
     bug: Bug | None = None  # internal error that ended it
 
@@ -92,12 +93,12 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def _labelled(self) -> str:
         true = "" if self.slip_true is None else f" (true slip of the contact: {self.slip_true})"
-        return f"{self.samples} samples, {self.slip} labelled slip{true}"
+        return f"rig {self.rig}: {self.samples} samples, {self.slip} labelled slip{true}"
 
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:
-            return f"no labelled sample was recorded{session}"
+            return f"rig {self.rig}: no labelled sample was recorded{session}"
         cut = "" if len(self.recordings) == 1 else ", split where too many samples were missing"
         return (
             f"{self._labelled}, {self.repeated} repeated, {self.missed_periods} periods missed\n"
@@ -269,7 +270,7 @@ def _finish(
         recordings=kept, versions=versions(), failure=failure or _failure(lost), bug=bug,
     )  # fmt: skip
     try:
-        folder.finish(result)
+        result = folder.finish(result)
     except CouldNotRecord as error:
         failure = result.failure or _failure(error)
         result = msgspec.structs.replace(result, failure=failure, recording=None)

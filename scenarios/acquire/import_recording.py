@@ -3,7 +3,10 @@
 import hashlib
 import json
 import re
+from collections.abc import Sequence
 from contextlib import suppress
+from datetime import UTC, datetime
+from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +25,7 @@ from detector.recordings import (
     check_rate,
     check_unit,
 )
-from detector.text_table import read_table
+from detector.text_table import DECIMAL_COMMA, read_table
 from drivers.errors import BadFile
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
 from grasp.settings import suggestion
@@ -30,6 +33,10 @@ from grasp.settings import suggestion
 TIME_NAMES = ("t_s", "t", "time", "timestamp", "stamp")  # of a time column that is not named
 LABEL_NAMES = (LABEL, "label")
 NUMBER, RANGE = re.compile(r"[0-9]{1,6}"), re.compile(r"([0-9]{1,6})-([0-9]{1,6})")
+LOST = ("", "nan", "na", "n/a", "null", "none", "[]")  # cells of a lost sample, in lower case
+ISO = "ISO 8601"
+TIME = "it must be a number or a stamp as 2026-01-31T10:15:00.010; without times give --rate HZ"
+LEAST_SPAN = 20.0  # of pressures that are no whole numbers, in counts: less is lost by rounding
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
 Floats = NDArray[np.float64]
 
@@ -43,6 +50,7 @@ class ImportOptions(msgspec.Struct, frozen=True, kw_only=True):
     columns: str = ""  # of pressures: names, numbers from 1, or ranges of numbers
     taxels: int = KIT_TAXELS  # of a fingertip
     sign: Literal["negative", "positive"] = "negative"  # of a press, in the file
+    scale: float | None = None  # counts per unit of the file; None: not given
     rest_s: float = 0.0
     labels: Path | None = None
     resample: bool = False
@@ -54,6 +62,22 @@ class Table(msgspec.Struct, frozen=True, eq=False):
     source: str
     columns: dict[str, tuple[str, ...]]
     lines: list[int]
+    decimal_commas: bool = False  # which were read as points
+
+    def lost(self, names: Sequence[str]) -> NDArray[np.bool_]:
+        """Rows (n,) that lack a value in one of these columns."""
+        empty = [[cell.lower() in LOST for cell in self.columns[name]] for name in names]
+        found: NDArray[np.bool_] = np.logical_or.reduce(np.array(empty))
+        return found
+
+    def without(self, lost: NDArray[np.bool_]) -> "Table":
+        """The table without these rows. Raises BadFile if fewer than two remain."""
+        if (kept := ~lost).sum() < 2:
+            raise BadFile(self.source, f"{kept.sum()} samples have a value in each channel",
+                          "at least 2 are needed; choose the pressures with --columns")  # fmt: skip
+        columns = {name: tuple(compress(cells, kept)) for name, cells in self.columns.items()}
+        return msgspec.structs.replace(self, columns=columns,
+                                       lines=list(compress(self.lines, kept)))  # fmt: skip
 
     def find(self, name: str) -> str:
         """The name of a column given by name or number. Raises BadFile with near names."""
@@ -66,14 +90,15 @@ class Table(msgspec.Struct, frozen=True, eq=False):
                           f"its columns are {shown}")  # fmt: skip
         return name
 
-    def numbers(self, name: str) -> Floats:
-        """Values (n,) of a column. Raises BadFile for the first that is no number."""
+    def numbers(self, name: str, allowed: str = "it must be a number") -> Floats:
+        """Values (n,) of a column. Raises BadFile for the first that is no number, with what is
+        ``allowed``."""
         for line, cell in zip(self.lines, self.columns[name], strict=True):
             if not _is_number(cell):
                 raise BadFile(
                     self.source,
                     f"{name} is {cell!r}",
-                    "it must be a number; choose the columns with --time-column and --columns",
+                    f"{allowed}; choose the columns with --time-column and --columns",
                     line,
                 )
         return np.array(self.columns[name], np.float64)
@@ -88,9 +113,9 @@ class Table(msgspec.Struct, frozen=True, eq=False):
         found: NDArray[np.bool_] = np.array(words) == 1.0
         return found
 
-    def times(self, given: str, unit: str) -> tuple[str, Floats]:
-        """Name of the time column and times (n,), s. Raises BadFile where they do not increase."""
-        known = [name for name in self.columns if name.lower() in TIME_NAMES]
+    def time_column(self, given: str) -> str:
+        """Name of the time column. Raises BadFile if none is found."""
+        known = list(filter(_is_time, self.columns))
         if not given and not known:
             shown = ", ".join(self.columns)
             raise BadFile(
@@ -98,21 +123,36 @@ class Table(msgspec.Struct, frozen=True, eq=False):
                 f"no column is named as time; its columns are {shown}",
                 "name it with --time-column, or give --rate HZ for a file without times",
             )
-        name = self.find(given or known[0])
-        t_s = self.numbers(name) / UNITS.get(unit, 1.0)
+        return self.find(given or known[0])
+
+    def times(self, name: str, unit: str) -> tuple[str, Floats]:
+        """Unit and times (n,), s, of a column of numbers or of time stamps. Raises BadFile where
+        they do not increase."""
+        if _stamp_s(self.columns[name][0]) is None:
+            t_s = self.numbers(name, TIME) / UNITS.get(unit, 1.0)
+        else:
+            unit, stamps = ISO, [_stamp_s(cell) for cell in self.columns[name]]
+            if None in stamps:
+                at = stamps.index(None)
+                raise BadFile(self.source, f"{name} is {self.columns[name][at]!r}",
+                              "write it as the time stamps before it", self.lines[at])  # fmt: skip
+            t_s = np.array(stamps, np.float64)
         if (wrong := np.diff(t_s) <= 0.0).any():
             at = int(wrong.argmax()) + 1
             problem = f"time does not increase: {name} is {self.columns[name][at]} after "
             problem += self.columns[name][at - 1]
-            remedy = "write each sample once, in the order of time"
+            remedy = "write each sample once, in the order of time, or give --rate HZ"
             raise BadFile(self.source, problem, remedy, self.lines[at])
-        return name, t_s
+        return unit, t_s
 
 
 def read_foreign(path: Path) -> Table:
     """Read a table with or without a header; a cell that holds a list becomes one column for each
     of its values. Raises BadFile."""
-    text = read_table(path)
+    text = read_table(path, empty_rows=True)
+    if commas := text.decimal_comma() is not None:
+        points = [[_with_point(cell) for cell in row] for row in text.rows]
+        text = msgspec.structs.replace(text, rows=points)
     headed = bool(text.rows) and not any(_values(cell) for cell in text.rows[0])
     cells = text.columns(1 if headed else 0)
     lines = text.lines[1 if headed else 0 :]
@@ -126,14 +166,19 @@ def read_foreign(path: Path) -> Table:
         if not column[0].startswith("["):
             columns[name] = column
             continue
-        lists = [_values(cell) for cell in column]
+        width = len(_values(column[0]))
+        lists = [("",) * width if cell.lower() in LOST else _values(cell) for cell in column]
         for line, values in zip(lines, lists, strict=True):
             if not values or len(values) != len(lists[0]):
                 problem = f"{name} holds {len(values)} values, not {len(lists[0])}"
                 raise BadFile(path, problem, "each list must have the same length", line)
         spread = zip(*lists, strict=True)
         columns |= {f"{name}[{i}]": values for i, values in enumerate(spread)}
-    return Table(str(path), columns, lines)
+    return Table(str(path), columns, lines, commas)
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if "," in cell and DECIMAL_COMMA.fullmatch(cell) else cell
 
 
 def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, list[str]]:
@@ -142,25 +187,28 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     Raises BadFile.
     """
     table = read_foreign(path)
-    changes: list[str] = []
-    if options.rate_hz is None:
-        time, t_s = table.times(options.time_column, options.unit)
-        _check_unit(t_s, options.unit, table.source)
-        start_s = float(t_s[0])
-        changes.append(f"time: {time}, in {options.unit}, {start_s:.12g} s subtracted")
-        times_s, t_s = t_s, t_s - start_s
-    else:
-        time, times_s = "", np.arange(len(table.lines)) / options.rate_hz
-        t_s = times_s
-        changes.append(f"time: made from {options.rate_hz:g} Hz")
+    changes = ["numbers: decimal commas read as points"] if table.decimal_commas else []
+    time = "" if options.rate_hz else table.time_column(options.time_column)
     label = next((n for n in table.columns if n.lower() in LABEL_NAMES), "")
-    names = _chosen(table, options.columns)
-    names = names or [n for n in table.columns if n not in (time, label)]
+    others = [time, label] if time else [label, *(n for n in table.columns if _is_time(n))]
+    names = _chosen(table, options.columns) or [n for n in table.columns if n not in others]
     fingers = _fingers(table.source, names, options.taxels)
+    if (lost := table.lost(names)).any():
+        table = table.without(lost)
+        changes.append(f"lost samples: {lost.sum()}, which lack a value; left out")
+    if options.rate_hz is None:
+        unit, times_s = table.times(time, options.unit)
+        _check_unit(times_s, unit, table.source)
+        changes.append(f"time: {time}, in {unit}, {table.columns[time][0]} subtracted")
+        t_s = times_s - times_s[0]
+    else:
+        times_s = t_s = np.flatnonzero(~lost) / options.rate_hz
+        changes.append(f"time: made from {options.rate_hz:g} Hz")
     for i in range(fingers):
         part = names[i * options.taxels : (i + 1) * options.taxels]
         changes.append(f"finger {'ABC'[i]}: {', '.join(part)} -> p0 to p{options.taxels - 1}")
     values = np.column_stack([table.numbers(name) for name in names])
+    values = _scaled(table.source, values, options.scale, changes)
     slip = None
     if options.labels is not None:
         slip, inside, how = _aligned_labels(options.labels, options.unit, times_s)
@@ -175,19 +223,15 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
         values = -values
         changes.append("sign: inverted, so that pressing lowers the counts")
     if options.rest_s:
-        resting = t_s < t_s[0] + options.rest_s
-        rest = np.median(values[resting], axis=0)
-        values = values - rest
-        shown = ", ".join(f"{value:g}" for value in rest)
-        changes.append(f"rest: median of {resting.sum()} samples subtracted: {shown}")
+        values = values - _rest(table.source, t_s, values, options.rest_s, changes)
     t_s, values, slip = _at_100_hz(table, options, t_s, values, slip, changes)
     whole = np.rint(values)
     if (worst := np.abs(whole - values).max()) > 0.0:
         changes.append(f"values: rounded to whole counts, by at most {worst:.2g}")
     if np.abs(whole).max() > COUNTS_LIMIT:
         raise BadFile(path, f"a count is {whole.flat[np.abs(whole).argmax()]:g}, beyond "
-                      f"+-{COUNTS_LIMIT}", "subtract rest with --rest-seconds, or choose the "
-                      "pressures with --columns")  # fmt: skip
+                      f"+-{COUNTS_LIMIT}", "subtract rest with --rest-seconds, choose the "
+                      "pressures with --columns, or give a smaller --scale")  # fmt: skip
     counts = whole.astype(np.int16).reshape(len(t_s), fingers, options.taxels)
     files = [path, *([options.labels] if options.labels else [])]
     metadata = Metadata(
@@ -200,8 +244,38 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     return made, changes
 
 
+def _rest(source: str, t_s: Floats, values: Floats, rest_s: float, changes: list[str]) -> Floats:
+    """Median (channels,) of the first seconds. Raises BadFile if there are not so many."""
+    if rest_s > (length_s := float(t_s[-1] - t_s[0])):
+        problem = f"--rest-seconds {rest_s:g} is longer than the recording, {length_s:.4g} s"
+        raise BadFile(source, problem, "give the seconds before the first press")
+    resting = t_s < t_s[0] + rest_s
+    rest: Floats = np.median(values[resting], axis=0)
+    shown = ", ".join(f"{value:g}" for value in rest)
+    changes.append(f"rest: median of {resting.sum()} samples subtracted: {shown}")
+    return rest
+
+
+def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]) -> Floats:
+    """Pressures (n, channels) in counts. Raises BadFile, without a scale, if whole counts cannot
+    hold them."""
+    if scale is not None:
+        changes.append(f"scale: multiplied by {scale:g}")
+        return values * scale
+    span = float(np.ptp(values, axis=0).max())
+    if 0.0 < span < LEAST_SPAN and (values != np.rint(values)).any():
+        raise BadFile(
+            source, f"the pressures change by {span:.2g} at most, and whole counts would lose that",
+            "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 if "
+            "they are counts",
+        )  # fmt: skip
+    return values
+
+
 def _check_unit(t_s: Floats, unit: str, source: str) -> None:
     """Raise BadFile, with the file's unit, where the given one is wrong."""
+    if unit == ISO:
+        return
     try:
         check_unit(t_s, source, "give")
     except BadFile:
@@ -250,7 +324,7 @@ def _aligned_labels(
     """Labels (n,) at the times (n,), which of the times they cover, and how they were aligned."""
     table = read_foreign(path)
     names = list(table.columns)
-    time = next((name for name in names if name.lower() in TIME_NAMES), names[0])
+    time = next(filter(_is_time, names), names[0])
     label = next((name for name in names if name.lower() in LABEL_NAMES), names[-1])
     known_s = table.times(time, unit)[1]
     period_s = float(np.median(np.diff(known_s)))
@@ -299,6 +373,19 @@ def _fingers(source: str, names: list[str], taxels: int) -> int:
     return fingers
 
 
+def _is_time(name: str) -> bool:
+    return name.lower() in TIME_NAMES
+
+
+def _stamp_s(cell: str) -> float | None:
+    """Unix time of an ISO 8601 time stamp, by default in UTC; None for any other text."""
+    with suppress(ValueError, OverflowError):
+        if ":" in cell:
+            stamp = datetime.fromisoformat(cell)
+            return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
+    return None
+
+
 def _is_number(cell: str) -> bool:
     with suppress(ValueError):
         return "_" not in cell and bool(np.isfinite(float(cell)))
@@ -312,5 +399,5 @@ def _values(cell: str) -> tuple[str, ...]:
     with suppress(ValueError, RecursionError):
         found: Any = json.loads(cell)
         words = tuple(map(str, found))
-        return words if all(map(_is_number, words)) else ()
+        return words if all(_is_number(w) or w.lower() in LOST for w in words) else ()
     return ()

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from detector.recordings import INDEX, SAMPLES, SUFFIX, Recording, Split, read, read_dataset
+from detector.recordings import INDEX, RECORDINGS, Recording, Split, files_in, read, read_dataset
 from drivers.errors import BadFile, UsageError
 
-RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 CONTINUE = "`grasp dataset build` continues it"
 Report = Callable[[str], None]
 
@@ -55,12 +54,12 @@ def _incomplete(folder: Path) -> str:
 
 
 def read_labelled(path: Path) -> list[Recording]:
-    """Recordings of a labelled file or of the folder of an acquisition. Raises BadFile, and
-    UsageError for recordings without labels."""
+    """Recordings of a labelled file, of the folder of an acquisition or of recordings. Raises
+    BadFile, and UsageError for recordings without labels."""
     if not path.is_dir():
         require_labelled(path)
         return [read(path)]
-    if found := sorted(path.glob(SAMPLES)):
+    if found := files_in(path):
         return [read(file) for file in found]
     raise UsageError(
         f"{path} has no labelled samples",
@@ -73,5 +72,5 @@ def require_labelled(path: Path) -> None:
     if path.suffix == ".mcap":
         raise UsageError(
             f"{path} is the recording of a run, which has no labels",
-            f"`grasp run acquire` writes labelled samples as {SAMPLES} beside its recording",
+            "`grasp run acquire` writes labelled samples beside its recording",
         )

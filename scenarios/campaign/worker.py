@@ -160,9 +160,9 @@ def judged_row(trial: Task, result: TrialResult, failure: Failure | None) -> Row
 
 
 def _table(result: TrialResult) -> str:
-    """The result as JSON, without the values that have their own columns."""
+    """The result as JSON, without values that have their own columns or differ in a repetition."""
     table: dict[str, Any] = msgspec.to_builtins(result)
-    for column in ("timing", "recording", "versions"):
+    for column in ("timing", "recording", "versions", "started"):
         del table[column]
     return _json(table)
 

@@ -30,9 +30,9 @@ Draw = Callable[[int], None]  # shows one control step
 def animate_run(path: Path, out: Path) -> None:
     """Write an animated GIF of a run's first slip. Raises BadFile as ``read_run``, and for a run
     without a true slip."""
+    plt, run = pyplot(), read_run(path)
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    plt, run = pyplot(), read_run(path)
     truth = run.truth
     opened_s = [c.t_ns * 1e-9 for c in run.phases if c.phase == "release.open"]
     # a released object slides too, which is no slip of a grasp

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +80,11 @@ SHADES = {
 
 
 def pyplot() -> Any:
+    """pyplot for files, whatever $MPLBACKEND is: a notebook's value may not exist here."""
+    os.environ["MPLBACKEND"] = "agg"
     import matplotlib as mpl
 
-    mpl.use("Agg")
+    mpl.use("agg")
     from matplotlib import pyplot as plt
 
     plt.rcParams["svg.hashsalt"] = "grasp"  # the same run gives the same file

@@ -11,12 +11,23 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, cusum, fused
 from drivers.interfaces import FINGER_NAMES, KIT_TAXELS
 from grasp.control.guard import limit_in_words
+from grasp.control.states import State
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.foxglove import taxel_places
 from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+# of the states, on a page's first screen
+PHASE_NAMES: dict[str, str] = {
+    State.START: "start", State.HOME: "arm to its start", State.SHAPE: "fingers to the object",
+    State.TARE: "take rest values", State.BRACE: "B and C close", State.CLOSE: "thumb closes",
+    State.SETTLE: "pads relax", State.BASELINE: "detector starts", State.LIFT: "lift",
+    State.COMPENSATE: "respond to slip", State.HOLD: "hold", State.DESCEND: "lower",
+    State.FEEL: "lower slowly", State.OPEN: "open", State.RETREAT: "move away",
+    State.SET_DOWN: "set down", State.KEPT: "kept in the hand", State.LOST: "object lost",
+    State.STOPPED: "stopped", State.FAULT: "fault",
+}  # fmt: skip
 LEAST_TURN_DEG = 0.1  # less is not shown
 
 
@@ -102,6 +113,7 @@ def page_data(
         "taxels": taxel_places(config.fingertip.taxels_mm, taxels),
         "limit_n": config.guard.force_limit_n,
         "rule": msgspec.to_builtins(rule),
+        "phase_names": PHASE_NAMES,
         "scene": {
             "object": msgspec.to_builtins(config.object),
             "half_aperture_m": HALF_APERTURE_M,

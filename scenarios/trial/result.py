@@ -145,6 +145,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     phases: list[PhaseEntry]
     timing: TimingResult
     recording: str | None
+    started: str | None = None  # UTC of this machine, ISO 8601; None: not recorded
     versions: dict[str, str]
     config_hash: str
     detector_hash: str  # of weights or formula, and rule

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -25,6 +25,7 @@ from scenarios.trial.foxglove import ViewerMessages
 from scenarios.trial.result import REPORT, Bug, Failure, JudgedTrial, ResultT, versions
 from scenarios.world.truth import Truth
 
+WrittenT = TypeVar("WrittenT", bound=msgspec.Struct)  # with `started`
 RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
@@ -41,8 +42,9 @@ def find_recording(path: Path) -> Path:
 
 
 class _Start(msgspec.Struct):
-    """What ``last_start`` reads of a result."""
+    """When a run started, and where its arm did."""
 
+    started: str | None = None
     arm: str | None = None
     home_m: Vector3 | None = None
 
@@ -65,9 +67,17 @@ def last_start(arm: str, run: Path | None) -> tuple[Path, Vector3]:
 
 
 def newest(name: str) -> list[Path]:
-    """Folders of the default folder that hold a file of that name, the newest file first."""
-    found = [(path.stat().st_mtime_ns, path.parent) for path in RUNS.glob(f"*/{name}")]
-    return [folder for _, folder in sorted(found, reverse=True)]
+    """Folders of the default folder that hold a file of that name, the last run first: by the time
+    in its result, which no copy and no time zone changes."""
+    return sorted((path.parent for path in RUNS.glob(f"*/{name}")), key=run_order, reverse=True)
+
+
+def run_order(folder: Path) -> tuple[str, str]:
+    """Sorting key of a run: when it started, which results of old versions lack, and its name."""
+    with suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        known = msgspec.json.decode((folder / RESULT).read_bytes(), type=_Start)
+        return known.started or "", folder.name
+    return "", folder.name
 
 
 def open_trial(path: Path) -> RunRecording:
@@ -88,6 +98,7 @@ class RunFolder:
     def __init__(self, runs: Path, name: str, channels: Channels, known: Mapping[str, str]) -> None:
         """Make `runs/<stamp>-<name>/`; ``known``: metadata of the recording. Raises
         CouldNotRecord."""
+        self._started = datetime.now(UTC).isoformat(timespec="milliseconds")
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
         self.write = self._recorder.write  # without a call in between, at every message
@@ -104,9 +115,10 @@ class RunFolder:
     def recording(self) -> Path:
         return self.path / RECORDING
 
-    def finish(self, result: msgspec.Struct) -> None:
-        """Close the recording and write the result; on CouldNotRecord both are removed."""
+    def finish(self, result: WrittenT) -> WrittenT:
+        """Close the recording, write and return the result; on CouldNotRecord both are removed."""
         self._recorder.close()
+        result = msgspec.structs.replace(result, started=self._started)
         failure: BaseException | None = self._recorder.failure
         if failure is None:
             try:
@@ -117,6 +129,7 @@ class RunFolder:
         if failure is not None:
             self._remove()
             raise could_not_record(self.path, failure)
+        return result
 
     def abandon(self) -> None:
         """End without a result: keep what was recorded, remove a folder without messages."""
@@ -224,7 +237,7 @@ class Record:
             result = judge()
             failure = trial.failure(self._config)
             if self._folder is not None:
-                self._folder.finish(result)
+                result = self._folder.finish(result)
             return JudgedTrial(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)

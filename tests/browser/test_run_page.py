@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from scenarios.report.run_record import RunRecord, read_run
+from scenarios.report.run_view import PHASE_NAMES
 from tests.browser.chromium import BROWSER, Chromium
 
 pytestmark = [
@@ -88,9 +89,9 @@ def test_keys_select_samples_and_phases(lifted: Path, browser: Chromium) -> None
     browser.press("p")
     phase = run.phases[-2]
     assert run.t_s[index(browser)] == pytest.approx(phase.t_ns * 1e-9)
-    assert browser.text("#phase") == phase.phase
+    assert browser.text("#phase") == PHASE_NAMES[phase.phase]
     browser.press("n")
-    assert browser.text("#phase") == run.phases[-1].phase
+    assert browser.text("#phase") == PHASE_NAMES[run.phases[-1].phase]
     browser.value("document.getElementById('slider').focus()")
     browser.press("ArrowLeft")  # counted once although the slider handles this key too
     assert index(browser) == last - 1
@@ -102,7 +103,7 @@ def test_page_opens_on_the_second_around_the_slip(lifted: Path, browser: Chromiu
     slip_s = float(run.t_s[np.flatnonzero(run.registered)[0]])
     assert 0.1 < slip_s - run.t_s[index(browser)] < 0.2
     shown_phases = browser.text("#strip")
-    assert "compensate" in shown_phases and "release" not in shown_phases
+    assert "respond to slip" in shown_phases and "open" not in shown_phases
     browser.value("document.getElementById('span').click()")
     assert browser.text("#span") == "one second"
 
@@ -120,7 +121,7 @@ def test_click_on_a_plot_or_a_time_selects_that_instant(lifted: Path, browser: C
     assert abs(index(browser) - middle) <= 2
     agrees(browser, run, index(browser))
     browser.value("document.querySelectorAll('button.at')[3].click()")
-    assert browser.text("#phase") == run.phases[3].phase
+    assert browser.text("#phase") == PHASE_NAMES[run.phases[3].phase]
 
 
 PICTURE = "document.getElementById('scene').toDataURL()"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.wire.lab import CONFIRMED, HARDWARE, Lab, emulate, sets, started
+from tests.wire.lab import ALONE, CONFIRMED, HARDWARE, Lab, emulate, sets, started
 from tests.wire.waiting import PATIENCE_S, until
 
 
@@ -31,7 +31,7 @@ def test_frozen_or_ended_devices_are_all_named_and_the_result_is_written(
         assert cell.stdout is not None
         lab = Lab(json.loads(cell.stdout.readline()), tmp_path)
         lab.activate_hand()
-        arguments = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path / "runs"))
+        arguments = ("run", "lift", *HARDWARE, *CONFIRMED, *ALONE, "--runs", str(tmp_path / "runs"))
         with lab.started(*arguments, *sets()) as run:
             assert run.stdout is not None
             assert any("lift" in line.split() for line in run.stdout)

@@ -39,6 +39,7 @@ QUICK = (
 )  # fmt: skip
 OPEN = 10  # counts
 CONFIRMED = ("--confirm-motion",)
+ALONE = ("--unattended",)  # of a lift: its tests have no terminal
 HARDWARE = ("--rig", "hardware")
 
 

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import INDEX, SAMPLES, SUFFIX, Metadata, Recording, Split, read, write
+from detector.recordings import INDEX, SUFFIX, Metadata, Recording, Split, files_in, read, write
 from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
@@ -32,6 +32,7 @@ EXTRA_SAMPLES = 250
 SPLIT_CYCLE: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
 OWN: Final = "own"  # surface of a file without metadata
 NO_MOTION: Final = "none"
+UNKNOWN = "no known motion"
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -207,6 +208,30 @@ def assign_splits(kinds: Sequence[str]) -> list[Split]:
     return splits
 
 
+def divided(folder: Path, report: Callable[[str], None]) -> dict[Split, list[Recording]]:
+    """Recordings by split of a folder of imports, which are all for tests until ``collect`` or this
+    divides them; ``report`` gets a line. Empty for another data set. Raises BadFile."""
+    paths = files_in(folder)
+    if not paths or not _is_import(read(paths[0], labelled=False)):
+        return {}
+    recordings = [read(path) for path in paths]
+    if not all(map(_is_import, recordings)):
+        return {}
+    if len(paths) < MIN_RECORDINGS:
+        problem = f"{len(paths)} recordings are too few to divide"
+        raise BadFile(folder, problem, f"import at least {MIN_RECORDINGS}")
+    report(f"{folder}: of each five imports three are for training, one for validation; `grasp "
+           "dataset collect` keeps that division in a data set")  # fmt: skip
+    found: dict[Split, list[Recording]] = {split: [] for split in SPLIT_CYCLE}
+    for each, split in zip(recordings, assign_splits([UNKNOWN] * len(paths)), strict=True):
+        found[split].append(each)
+    return found
+
+
+def _is_import(recording: Recording) -> bool:
+    return _kind(recording) == UNKNOWN and getattr(recording.metadata, "split", "test") == "test"
+
+
 def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[str]]:
     present = set(zip(kinds, splits, strict=True))
     every, three = sorted(set(kinds)), SPLIT_CYCLE[:MIN_RECORDINGS]
@@ -218,7 +243,7 @@ def _kind(recording: Recording) -> str:
     """Cause or motion, and surface, as far as the metadata has them."""
     known = recording.metadata
     if known is None or (known.surface, known.motion) == (OWN, NO_MOTION):
-        return "no known motion"
+        return UNKNOWN
     return f"{known.cause or known.motion} on {known.surface}"
 
 
@@ -227,9 +252,10 @@ def _files(source: Path) -> list[Path]:
         raise BadFile(source, "no such file or folder", "check the path")
     if not source.is_dir():
         return [source]
-    found = sorted(source.glob(SAMPLES))
+    found = files_in(source)
     if not found:
-        raise UsageError(f"{source} has no labelled samples", "give folders of `grasp run acquire`")
+        raise UsageError(f"{source} has no labelled samples", "give folders of `grasp run acquire` "
+                         "or `grasp dataset import`")  # fmt: skip
     return found
 
 

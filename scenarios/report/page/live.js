@@ -18,11 +18,11 @@ function followRun() {
     at("progress").textContent = message.of > 1 ? `· ${message.number} of ${message.of}` : "";
     following = true;
     started = false;
-    state("live", "success");
   }
 
   // null stands for NaN
   function add(row) {
+    if (!series.t) state("live", "success");
     for (const [name, values] of Object.entries(row.values)) {
       series[name] ??= values.map(() => []);
       values.forEach((value, k) => series[name][k].push(value === null ? NaN : value));

@@ -85,7 +85,7 @@ function makePlayer() {
 
   const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
   const digits = (value, n) => (Number.isFinite(value) ? value.toFixed(n) : "–");
-  const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-3 ? phase.name : name), "");
+  const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-3 ? named(phase) : name), "");
 
   function start() {
     moved();

@@ -4,7 +4,9 @@ const AXIS_PX = 46;
 const PAPER_PX = 400; // of a plot beside the scene on an upright sheet of A4 or Letter
 const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // time range around the selected instant when zoomed in
-const HEIGHTS = {force: 210, probability: 150, decided: 130, reported: 110, slip: 120};
+const ROW_PX = 13; // height of a mark's name
+const MARKS_PX = 3 * ROW_PX + 4; // room above the first plot, so that no name covers a curve
+const HEIGHTS = {force: 210 + MARKS_PX, probability: 150, decided: 130, reported: 110, slip: 120};
 
 // Lines have functions as values, because a run in progress grows.
 function makePlots(series, seek) {
@@ -20,6 +22,7 @@ function makePlots(series, seek) {
     const options = {
       width: holder.clientWidth,
       height: HEIGHTS[name],
+      padding: [name === "force" ? MARKS_PX : null, null, null, null],
       legend: {show: false},
       cursor: {points: {show: false}, y: false, drag: {x: true, y: false}, focus: {prox: -1}},
       scales: {x: {time: false}, y: {range: bounds}},
@@ -207,23 +210,20 @@ function drawMarks(u) {
     const x = u.valToPos(mark.t, "x", true);
     if (x < left || x > left + width) return;
     u.ctx.beginPath();
-    u.ctx.moveTo(x, top);
+    // marks can be close together: each name has its own row, on the side with more space
+    const y = first ? top - (4 + ROW_PX * row) * ratio : top;
+    u.ctx.moveTo(x, y);
     u.ctx.lineTo(x, top + height);
     u.ctx.stroke();
     if (!first) return;
-    // marks can be close together: their names are stacked, on the side with more space
     const right = x < left + 110 * ratio;
     u.ctx.textAlign = right ? "left" : "right";
-    const place = [mark.name, x + (right ? 4 : -4) * ratio, top + height - (6 + 13 * row) * ratio];
-    u.ctx.strokeStyle = colour("paper");
-    u.ctx.lineWidth = 3 * ratio;
-    u.ctx.strokeText(...place);
-    u.ctx.fillText(...place);
-    u.ctx.strokeStyle = colour("limit");
-    u.ctx.lineWidth = ratio;
+    u.ctx.fillText(mark.name, x + (right ? 4 : -4) * ratio, y);
   });
   u.ctx.restore();
 }
+
+const named = (phase) => data.phase_names[phase.name] ?? phase.name;
 
 // Names of the phases above the plots, where they fit.
 function drawStrip(from, to, width) {
@@ -238,8 +238,8 @@ function drawStrip(from, to, width) {
     box.className = `phase ${i % 2 ? "" : "even"}`;
     box.style.left = `${AXIS_PX + left * wide}px`;
     box.style.width = `${(right - left) * wide}px`;
-    box.title = phase.name;
-    if ((right - left) * wide > 7 * phase.name.length) box.textContent = phase.name;
+    box.title = named(phase);
+    if ((right - left) * wide > 7 * box.title.length) box.textContent = box.title;
     strip.append(box);
   });
 }

@@ -11,6 +11,7 @@ const LIVE_SLIP_M = 0.1; // range of the ruler for a run in progress
 const PALM_MM = 105, ARM_MM = 70; // height of the palm above the pads, and of the arm above it, as drawn
 const TABLE_MM = 140, EYE_MM = 1500; // half a side of the drawn table, distance of the eye
 const FIRST_VIEW = {yaw: -0.45, pitch: 0.22}; // rad
+const LABEL_PX = [60, 14]; // distances at which the names of two fingers are apart
 const DRAG_RAD = 0.01, KEY_RAD = 0.1; // turned per pixel and per key
 const LIGHT = [-0.45, -0.5, 0.74]; // in the eye's frame: right, away, up
 
@@ -97,7 +98,7 @@ function makeScene(series) {
         force: known ? series.true[f][i] : NaN, shear: known ? series.shear[f][i] : NaN};
     });
     paint.finish();
-    forces.forEach(paint.force);
+    paint.labels(forces.map(paint.force));
     canvas.setAttribute("aria-label", describe(forces, height));
   }
 
@@ -208,14 +209,25 @@ function painter(canvas, wide, bottom, top) {
     if (Math.abs(shear) > 0.1) line([pad[0] - side * 3, y, z], [pad[0] - side * 3, y, z + shear * FORCE_MM], ink, 3);
     const shown = Number.isFinite(pressed) ? pressed : estimated;
     const [left, low] = flat(seen([x + side * (Math.max(data.limit_n, shown || 0) * FORCE_MM + 4), y, z]));
+    const text = `${data.fingers[f]} ${Number.isFinite(shown) ? shown.toFixed(1) : ""}`;
+    return {text, ink, align: side * cy < 0 ? "right" : "left", x: left, y: low + 4 - 8 * Math.sign(BESIDE_MM[f]) * Math.sign(cy)};
+  }
+
+  // from top to bottom; one that would cover another moves below it
+  function labels(texts) {
     c.font = "600 12px system-ui, sans-serif";
-    c.textAlign = side * cy < 0 ? "right" : "left";
-    c.fillStyle = ink;
-    c.fillText(`${data.fingers[f]} ${Number.isFinite(shown) ? shown.toFixed(1) : ""}`, left, low + 4 - 8 * Math.sign(BESIDE_MM[f]) * Math.sign(cy));
+    texts.sort((a, b) => a.y - b.y).forEach((label, k) => {
+      texts.slice(0, k).forEach((upper) => {
+        if (Math.abs(label.x - upper.x) < LABEL_PX[0] && label.y - upper.y < LABEL_PX[1]) label.y = upper.y + LABEL_PX[1];
+      });
+      c.textAlign = label.align;
+      c.fillStyle = label.ink;
+      c.fillText(label.text, label.x, label.y);
+    });
   }
 
   return {
-    finish, force,
+    finish, force, labels,
     table: (z) => {
       for (let mm = -TABLE_MM; mm <= TABLE_MM; mm += 20) {
         const style = Math.abs(mm) === TABLE_MM ? colours.soft : colours.grid;

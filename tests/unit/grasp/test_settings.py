@@ -84,3 +84,34 @@ def test_every_packaged_object_and_detector_resolves() -> None:
     for name in settings.names("objects"):
         for detector in settings.names("detectors"):
             assert load_config(name, "simulated", detector).object.name == name
+
+
+def test_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[guard]\nforce_limit_n = 12.0\n", encoding="utf-8-sig")
+    assert lift(file=file).guard.force_limit_n == 12.0
+
+
+@pytest.mark.parametrize(
+    ("encoding", "named"),
+    [("utf-16", "UTF-16"), ("utf-16-le", "UTF-16"), ("latin-1", "Latin-1 or Windows-1252")],
+)
+def test_another_encoding_is_named(encoding: str, named: str, tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    text = "[guard]\n# h\N{LATIN SMALL LETTER O WITH DIAERESIS}chstens\nforce_limit_n = 12.0\n"
+    file.write_text(text if encoding == "latin-1" else text.replace("\xf6", "o"), encoding)
+    with pytest.raises(ConfigError, match=f"is not UTF-8, but probably {named}") as caught:
+        lift(file=file)
+    assert caught.value.allowed == "save it as UTF-8"
+
+
+def test_a_decimal_comma_is_answered_with_the_point(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[controller]\nlift_speed_mps = 0,05  # slow\n")
+    for given in ({"file": file}, {"assignments": ("controller.lift_speed_mps=0,05",)}):
+        with pytest.raises(ConfigError, match=r"lift_speed_mps.*is 0,05, with a comma") as caught:
+            lift(*given.get("assignments", ()), file=given.get("file"))
+        assert caught.value.allowed == "write a decimal point: 0.05"
+    with pytest.raises(ConfigError, match="cannot be read"):  # another error of TOML
+        file.write_text("[controller\nlift_speed_mps = 0.05\n")
+        lift(file=file)

@@ -25,7 +25,7 @@ from scenarios.campaign.config import load_config
 from scenarios.rigs.permission import driving, gripper_of
 from scenarios.rigs.wired import open_arm
 from tests.ur_rtde import needs_ur_rtde
-from tests.wire.lab import CONFIRMED, HARDWARE, CommandResult, Lab, grasp, sets
+from tests.wire.lab import ALONE, CONFIRMED, HARDWARE, CommandResult, Lab, grasp, sets
 from tests.wire.waiting import PATIENCE_S, until
 
 NO_BOARD = ("--set", "usb.url=tcp://127.0.0.99:9")
@@ -156,7 +156,7 @@ def test_arm_with_a_running_program_is_not_moved_and_the_program_can_be_ended(la
     doctor = lab.grasp("doctor", *HARDWARE, *soon)
     assert doctor.code == 3
     assert re.search("^FAIL +arm program .*already", doctor.out, re.MULTILINE)
-    for words in (("arm", "step", "--z", "1"), ("run", "lift", *HARDWARE)):
+    for words in (("arm", "step", "--z", "1"), ("run", "lift", *HARDWARE, *ALONE)):
         refused = lab.grasp(*words, *CONFIRMED, *soon)
         assert refused.code == 3, refused
         assert "a program runs on the arm already" in refused.err
@@ -167,7 +167,7 @@ def test_arm_with_a_running_program_is_not_moved_and_the_program_can_be_ended(la
 @needs_ur_rtde
 def test_arm_with_a_low_speed_slider_is_refused(lab: Lab) -> None:
     lab.ask("fault", name="speed_slider", fraction=0.05)
-    for words in (("arm", "step", "--z", "1"), ("run", "lift", *HARDWARE)):
+    for words in (("arm", "step", "--z", "1"), ("run", "lift", *HARDWARE, *ALONE)):
         refused = lab.grasp(*words, *CONFIRMED)
         assert refused.code == 3, refused
         assert "speed slider at 5 %" in refused.err
@@ -225,7 +225,7 @@ def test_no_run_activates_a_hand(lab: Lab, tmp_path: Path) -> None:
         assert remedy in dry.err and dry.out.endswith("would not start\n")
         assert ("stop it at 1 m/s2" in dry.out) == ("--first" in words)
     words = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path))
-    for more in ((), ("--trials", "2")):
+    for more in (ALONE, ("--trials", "2")):
         result = lab.grasp(*words, *more, operator=lambda question: "")
         assert result.code == 4, result
         assert f"the hand is not active: nothing was moved (empty it, then {remedy})" in result.err
@@ -272,7 +272,11 @@ def test_nothing_moves_without_an_operator(ready: Lab, tmp_path: Path) -> None:
 @needs_ur_rtde
 def test_motion_is_refused_while_another_program_drives_the_device(ready: Lab) -> None:
     with driving(gripper_of(ready.config)):
-        for words in (("gripper", "close"), ("run", "lift", *HARDWARE), ("release", *HARDWARE)):
+        for words in (
+            ("gripper", "close"),
+            ("run", "lift", *HARDWARE, *ALONE),
+            ("release", *HARDWARE),
+        ):
             driven = ready.grasp(*words, *CONFIRMED)
             assert driven.code == 4, (words, driven)
             assert "is driven by process" in driven.err and "`kill " in driven.err
@@ -349,7 +353,8 @@ def test_hand_in_scissor_mode_is_only_opened(ready: Lab) -> None:
     until(lambda: (ready.positions, ready.hand.scissor.position) == ((60, 60, 60), 200))
     message = "the hand is in scissor mode, in which it may only be opened"
     for words in (
-        ("run", "lift", *HARDWARE), ("gripper", "close"), ("gripper", "step", "--finger", "A"),
+        ("run", "lift", *HARDWARE, *ALONE), ("gripper", "close"),
+        ("gripper", "step", "--finger", "A"),
     ):  # fmt: skip
         for how in (CONFIRMED, ("--dry-run",)):
             refused = ready.grasp(*words, *how)

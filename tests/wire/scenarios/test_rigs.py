@@ -15,7 +15,18 @@ from scenarios.rigs.emulated import cell_process
 from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import by_default
 from tests.ur_rtde import needs_ur_rtde
-from tests.wire.lab import CONFIRMED, ENVIRONMENT, GRASP, HARDWARE, QUICK, Lab, grasp, sets, started
+from tests.wire.lab import (
+    ALONE,
+    CONFIRMED,
+    ENVIRONMENT,
+    GRASP,
+    HARDWARE,
+    QUICK,
+    Lab,
+    grasp,
+    sets,
+    started,
+)
 from tests.wire.waiting import PATIENCE_S, until
 
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
@@ -23,7 +34,7 @@ LOWERING_STEPS = {"lower.feel"}  # their number depends on noise
 
 
 def hardware_lift(folder: Path) -> tuple[str, ...]:
-    return ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(folder / "runs"), *sets())
+    return ("run", "lift", *HARDWARE, *CONFIRMED, *ALONE, "--runs", str(folder / "runs"), *sets())
 
 
 def wait_for_phase(process: "subprocess.Popen[str]", phase: str) -> None:
@@ -170,7 +181,7 @@ def test_unreachable_devices_are_a_device_error_with_a_remedy(tmp_path: Path) ->
         '[usb]\nurl = "tcp://127.0.0.99:9"\n[ur]\nhost = "127.0.0.99"\n'
     )
     runs = tmp_path / "runs"
-    words = ("run", "lift", *HARDWARE, "--config", str(lab), "--runs", str(runs), "--json")
+    words = ("run", "lift", *HARDWARE, *ALONE, "--config", str(lab), "--runs", str(runs), "--json")
     assert grasp(*words).code == 2  # without a confirmation
     done = grasp(*words, *CONFIRMED)
     error = json.loads(done.out)["error"]

@@ -43,7 +43,7 @@ COMMANDS = [
     ("gripper close --confirm-motion", 3, NOBODY),
     RELEASE,
     ("tactile watch --rest", 3, NOBODY),
-    ("run lift --rig hardware --confirm-motion --runs {folder}", 3, NOBODY),
+    ("run lift --rig hardware --confirm-motion --unattended --runs {folder}", 3, NOBODY),
 ]
 WITHOUT_COMPILER = """
 import json, sys
@@ -95,7 +95,9 @@ def test_a_ur_arm_without_ur_rtde_is_refused_before_anything_starts(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rtde_control", None)
     monkeypatch.setattr(subprocess, "Popen", None)  # an emulated cell
-    settings = ["--config", str(lab), "--confirm-motion"] if rig == "hardware" else []
+    settings = (
+        ["--config", str(lab), "--confirm-motion", "--unattended"] if rig == "hardware" else []
+    )
     runs = str(lab.parent / "runs")
     code = main(["run", "lift", "--rig", rig, "--json", "--runs", runs, *settings])
     error = json.loads(capsys.readouterr().out)["error"]

@@ -1,5 +1,9 @@
 """`grasp report`: path of the page, and files that it must not overwrite."""
 
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,3 +69,48 @@ def test_other_files_are_not_overwritten_by_a_picture(
     assert main(["export", str(only(runs)), "--to", to, "--out", str(out)]) == 2
     assert "exists already (name another file" in capsys.readouterr().err
     assert out.read_text() == "mine"
+
+
+def test_the_last_line_of_a_lift_names_the_page_to_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    main([*LIFT, "--report"])
+    page = only(tmp_path / "runs") / "report.html"
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"  open this page in a browser: {page}" and page.is_absolute()
+
+
+def test_runs_are_ordered_by_the_time_in_their_results(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not by names, which have the local time, nor by the times of files, which a copy changes."""
+    monkeypatch.chdir(tmp_path)
+    result = json.loads((only(runs) / "result.json").read_text())
+    assert result["started"].endswith("+00:00")
+    recording = (only(runs) / "recording.mcap").read_bytes()
+    for name, minute, changed_s in (("20260329-030000-b", 10, 3), ("20260329-020000-c", 20, 1),
+                                    ("20260329-025900-a", 0, 2)):  # fmt: skip
+        folder = tmp_path / "runs" / name
+        folder.mkdir(parents=True)
+        (folder / "recording.mcap").write_bytes(recording)
+        started = {"started": f"2026-03-29T01:{minute:02d}:00.000+00:00"}
+        (folder / "result.json").write_text(json.dumps(result | started))
+        for file in folder.iterdir():
+            os.utime(file, (changed_s, changed_s))
+    assert main(["runs"]) == 0
+    listed = [line.split()[0][-1] for line in capsys.readouterr().out.splitlines()]
+    assert listed == ["a", "b", "c"]
+    assert main(["report"]) == 0
+    assert "last run: runs/20260329-020000-c" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("backend", ["module://of.a.notebook", "nonsense"])
+def test_a_notebooks_backend_does_not_reach_the_drawing_code(backend: str) -> None:
+    pytest.importorskip("matplotlib")
+    code = "from scenarios.report.export import pyplot; print(pyplot().get_backend().lower())"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "MPLBACKEND": backend}, text=True,
+        capture_output=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "agg\n"), done.stderr

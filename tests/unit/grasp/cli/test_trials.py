@@ -98,8 +98,9 @@ def test_the_height_above_the_start_is_stated_for_the_newest_run_of_the_same_arm
     def result(name: str, at_s: int, **values: object) -> None:
         file = tmp_path / "runs" / name / "result.json"
         file.parent.mkdir(parents=True)
-        file.write_text(json.dumps(values))
-        os.utime(file, (at_s, at_s))
+        started = f"2026-03-29T01:00:0{at_s}.000+00:00"
+        file.write_text(json.dumps({"started": started, **values}))
+        os.utime(file, (10 - at_s, 10 - at_s))  # as after a copy
 
     result("first", 1, arm=arm, home_m=start_m)
     warn_of_height(config)

@@ -45,13 +45,13 @@ def test_bars_fit_into_any_width(width: int) -> None:
         (
             {"peak_force_n": {"A": 21.84, "B": 11.0, "C": 10.8}}, "each_motor",
             ["peak force A 21.8, B 11.0, C 10.8 N (true); commanded 10.0 N",
-             "limit 10 N, each_motor: the thumb bears the sum of B and C, about 20 N"],
+             "limit 10 N on each motor: the thumb bears the sum of B and C, about 20 N"],
         ),
         (
             {"peak_force_n": None, "peak_estimated_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
             "every_finger",
             ["peak force A 9.0, B 4.5, C 4.0 N (estimated by the fingertips); commanded 10.0 N",
-             "limit 10 N, every_finger: it applies to each finger"],
+             "limit 10 N on each finger"],
         ),
     ],
 )  # fmt: skip
@@ -63,7 +63,8 @@ def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
 
 def verdict(**changes: object) -> SimpleNamespace:
     values = {
-        "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
+        "success": False, "outcome": "dropped", "object": "can", "rig": "emulated",
+        "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_estimated_n": None, "commanded_force_n": 10.0,
         "force_limit_n": 10.0, "limit_mode": "every_finger", "recording": None, "grip": None,
@@ -75,7 +76,7 @@ def verdict(**changes: object) -> SimpleNamespace:
 def test_verdict_of_a_fault_names_its_code_and_device() -> None:
     faults = (Fault("stale", "arm", "the arm sends no data", kind="stale"),)
     output = live.verdict(verdict(outcome="fault", faults=faults))
-    assert output.startswith("\nFAILED: stale (arm)  (can, seed 3)\n")
+    assert output.startswith("\nFAILED: stale (arm)  (can, rig emulated, seed 3)\n")
 
 
 def test_status_lines_pause_while_a_question_is_open(capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,7 +104,7 @@ def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_o
         "the arm is stationary", "the hand is closed", "to let go, run `grasp release`"
     )
     output = live.verdict(verdict(end=closed))
-    assert output.startswith("\nFAILED: dropped  (can, seed 3)\n")
+    assert output.startswith("\nFAILED: dropped  (can, rig emulated, seed 3)\n")
     assert output.endswith(
         "  lost: contact lost on the way down\n  the arm is stationary; the hand is closed\n"
         "  to let go, run `grasp release`"

@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.recordings import read, write
+from detector.recording_checks import suspicions
+from detector.recordings import read, read_dataset, write
 from detector.text_table import MOST_BYTES
 from drivers.errors import BadFile
 from grasp.cli.main import main
+from scenarios.acquire.datasets.build import divided
 from scenarios.acquire.import_recording import ImportOptions, import_recording
+from scenarios.benchmark.data_sets import read_labelled
 
 REST = 430
 CHANNELS = ",".join(f"c{i}" for i in range(6))
@@ -43,7 +46,7 @@ def test_a_list_in_a_cell_is_read_in_milliseconds(tmp_path: Path) -> None:
     made, changes = import_recording(path, options)
     assert made.t_s[[0, -1]] == pytest.approx([0.0, 1.99])
     assert made.counts[[0, -1], 0].tolist() == [[0] * 6, [-60, -70, -80, -90, -100, -110]]
-    assert changes[0] == "time: stamp, in ms, 1700000000 s subtracted"
+    assert changes[0] == "time: stamp, in ms, 1700000000000 subtracted"
     assert made.metadata is not None and made.metadata.cause == "imported"
     for unit in ("s", "us", "ns"):
         with pytest.raises(BadFile, match="timestamps look like milliseconds") as error:
@@ -135,6 +138,136 @@ def test_resampled_labels_are_those_of_the_last_sample(
     path = table(tmp_path, [f"time,{CHANNELS},slip", *lines])
     made, _ = import_recording(path, ImportOptions(rest_s=0.4, resample=True))
     assert made.slip[: len(expected)].astype(int).tolist() == expected
+
+
+def steps(n: int = 100, cell: Callable[[float], str] = str) -> list[str]:
+    """Header and rows of one finger at 100 Hz, pressed from 0.5 s on."""
+    return [f"time;{CHANNELS.replace(',', ';')}",
+            *rows(100, lambda t: f"{cell(t)};{values(t).replace(',', ';')}", n)]  # fmt: skip
+
+
+def test_decimal_commas_are_read_as_points_and_stated(tmp_path: Path) -> None:
+    path = table(tmp_path, steps(cell=lambda t: f"{t:.2f}".replace(".", ",")))
+    made, changes = import_recording(path, ImportOptions(rest_s=0.4))
+    assert made.t_s == pytest.approx(np.arange(100) / 100)
+    assert made.counts[[0, -1], 0, 0].tolist() == [0, -60]
+    assert changes[0] == "numbers: decimal commas read as points"
+
+
+@pytest.mark.parametrize("lost", ["", "nan", "NaN", "null"])
+@pytest.mark.parametrize("times", [True, False], ids=["times", "rate"])
+def test_up_to_five_lost_samples_in_a_row_are_left_out_and_counted(
+    lost: str, times: bool, tmp_path: Path
+) -> None:
+    lines = steps()
+    if not times:
+        lines = [line.partition(";")[2] for line in lines]
+    for at in (20, *range(60, 65)):  # of the last of them every cell is empty
+        lines[at] = ";".join([*lines[at].split(";")[:-1], lost])
+    lines[64] = ";" * lines[64].count(";")
+    options = ImportOptions(rest_s=0.4, rate_hz=None if times else 100.0)
+    made, changes = import_recording(table(tmp_path, lines), options)
+    kept = [k for k in range(100) if k not in (19, *range(59, 64))]
+    assert made.t_s == pytest.approx(np.array(kept) / 100)
+    assert any(line.startswith(f"lost samples: {5 + (not times or 1)}, ") for line in changes)
+    lines[65] = lines[64]
+    with pytest.raises(BadFile, match=r"a gap of 0\.07 s"):
+        import_recording(table(tmp_path, lines), options)
+
+
+def test_a_table_without_any_whole_sample_is_refused(tmp_path: Path) -> None:
+    lines = [f"{line};" for line in steps()]  # a nameless seventh channel
+    with pytest.raises(BadFile, match="0 samples have a value in each channel"):
+        import_recording(table(tmp_path, lines), ImportOptions(columns="2-8", taxels=7))
+
+
+def test_iso_time_stamps_are_read_and_others_name_the_rate(tmp_path: Path) -> None:
+    def stamp(t: float) -> str:
+        return f"2026-03-29T01:59:59.{round(t * 1e6):06d}+01:00"
+
+    made, changes = import_recording(table(tmp_path, steps(cell=stamp)), ImportOptions(rest_s=0.4))
+    assert made.t_s == pytest.approx(np.arange(100) / 100, abs=1e-6)
+    assert f"time: time, in ISO 8601, {stamp(0)} subtracted" in changes
+    path = table(tmp_path, steps(cell=lambda t: f"29.3. 10 Uhr {t}"))
+    with pytest.raises(BadFile, match=r"time is '29\.3\. 10 Uhr 0\.0'") as caught:
+        import_recording(path, ImportOptions())
+    assert "give --rate HZ" in caught.value.remedy
+    made, _ = import_recording(path, ImportOptions(rate_hz=100.0, rest_s=0.4))
+    assert made.counts.shape == (100, 1, 6)
+
+
+def test_pressures_in_other_units_need_a_scale(tmp_path: Path) -> None:
+    lines = rows(100, lambda t: f"{t}," + ",".join([f"{100 + 2.5 * (t >= 0.5)}"] * 6))
+    path = table(tmp_path, [f"time,{CHANNELS}", *lines])
+    options = {"sign": "positive", "rest_s": 0.4}
+    with pytest.raises(BadFile, match=r"change by 2\.5 at most") as caught:
+        import_recording(path, ImportOptions(**options))
+    assert "--scale" in caught.value.remedy and "cable" not in caught.value.remedy
+    made, changes = import_recording(path, ImportOptions(scale=8.0, **options))
+    assert made.counts[[0, -1], 0, 0].tolist() == [0, -20]
+    assert "scale: multiplied by 8" in changes
+
+
+def test_rest_longer_than_the_file_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, steps())
+    with pytest.raises(BadFile, match=r"--rest-seconds 3 is longer than the recording, 0\.99 s"):
+        import_recording(path, ImportOptions(rest_s=3.0))
+
+
+def test_a_press_that_raises_the_mean_is_suspicious_even_if_one_taxel_falls(tmp_path: Path) -> None:
+    def row(t: float) -> str:
+        return ",".join([f"{t}", *(str(60 * (t >= 0.5)) for _ in range(5)), str(-50 * (t >= 0.5))])
+
+    path = table(tmp_path, [f"time,{CHANNELS}", *rows(100, row)])
+    wrong, _ = import_recording(path, ImportOptions())
+    (line,) = suspicions(wrong)
+    assert "A's counts goes up to 42 and down to 0" in line
+    right, _ = import_recording(path, ImportOptions(sign="positive"))
+    assert suspicions(right) == []
+
+
+def test_imported_files_are_collected_and_divided_for_training(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(5):
+        lines = rows(100, lambda t: f"{t},{values(t)},{int(t > 1)}", 200 + number)
+        table(tmp_path, [f"time,{CHANNELS},slip", *lines], f"{number}.csv")
+    own = tmp_path / "own"
+    files = [str(tmp_path / f"{number}.csv") for number in range(5)]
+    assert main(["dataset", "import", *files, "--out", str(own), "--rest-seconds", "0.4"]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"next: `grasp detector evaluate tcn --data {own}`"
+    said: list[str] = []
+    splits = divided(own, said.append)
+    assert [len(splits[split]) for split in ("train", "validation", "test")] == [3, 1, 1]
+    assert len(said) == 1 and "of each five imports three are for training" in said[0]
+    assert main(["dataset", "collect", str(own), "--out", str(tmp_path / "set")]) == 0
+    assert len(read_dataset(tmp_path / "set", "train")) == 3
+    assert divided(tmp_path / "set", said.append) == {} and len(said) == 1
+    assert len(read_labelled(own)) == 5
+
+
+def test_unlabelled_files_are_replayed_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, steps())
+    words = ("dataset", "import", str(path), "--out", str(tmp_path), "--rest-seconds", "0.4")
+    assert main(words) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"next: `grasp replay --tactile {tmp_path / 'own.npz'}`"
+
+
+@pytest.mark.parametrize(
+    "number", ["\N{SUPERSCRIPT TWO}", "\N{ARABIC-INDIC DIGIT TWO}", "9" * 4301]
+)
+@pytest.mark.parametrize("option", ["--taxels", "--rate", "--scale"])
+def test_numbers_that_only_python_reads_get_one_line(
+    option: str, number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("dataset", "import", "a.csv", "--out", str(tmp_path), option, number)
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and len(error) < 600 and option in error
 
 
 def test_a_large_file_is_refused_by_its_size(

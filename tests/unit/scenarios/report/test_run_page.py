@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from grasp.control.states import State
 from grasp.run.messages import PHASES
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.report.run_page import HEADS, run_page
@@ -61,9 +62,18 @@ def test_page_shows_the_verdict_with_its_figures(recorded: Path, page: str) -> N
     assert "_" not in title
     (figures,) = re.findall(r'<p class="hint">In figures: (.*?)</p>', page, re.DOTALL)
     assert f"peak force A {result['peak_force_n']['A']:.1f}, " in figures
-    assert "limit 10 N, every_finger: it applies to each finger" in figures
+    assert "limit 10 N on each finger" in figures
     assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in figures
     assert not remarks(page)
+
+
+def test_the_first_screen_has_no_word_of_code(page: str) -> None:
+    """Above the tables; scripts are left out, and the plots' own words are in their data."""
+    screen = page[page.index("<header>") : page.index('<section class="tables">')]
+    words = re.sub(r"<[^>]*>", " ", screen)
+    assert not re.findall(r"\w+_\w+|\b[a-z]{2,}\.[a-z]{2,}|[{}]", words)
+    assert set(data_of(page)["phase_names"]) == set(State)
+    assert not re.search(r"[._]", " ".join(data_of(page)["phase_names"].values()))
 
 
 def test_every_outcome_has_a_sentence_of_its_own() -> None:
