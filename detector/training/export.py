@@ -137,8 +137,7 @@ class _GruStep(nn.Module):
 
 class _GatedStep(nn.Module):
     """Step of a `GatedTcn`. ``state0`` has the past inputs of every block, ``state2`` the latest
-    sums of their outputs, the newest last. One product computes the contribution of past inputs to
-    all blocks; only the newest tap is computed block by block."""
+    sums of their outputs, the newest last."""
 
     def __init__(self, network: GatedTcn) -> None:
         super().__init__()
@@ -151,17 +150,11 @@ class _GatedStep(nn.Module):
             "counts": frame, "previous": frame, "state0": (length * self.width,),
             "state1": (self.features.kept,), "state2": ((arch.held - 1) * n,),
         }  # fmt: skip
-        blocks: Any = network.blocks
-        convolutions = [block.conv for block in blocks]
-        self.past = torch.block_diag(*(conv.weight[:, :-n] for conv in convolutions))
-        self.bias = torch.cat([conv.bias for conv in convolutions])
-        self.widths = [2 * n] * len(convolutions)
-        self.newest = [conv.weight.detach()[:, -n:].T for conv in convolutions]
         age = torch.arange(arch.kernel - 1, 0, -1)  # samples over the dilation; the oldest first
-        self.taps = torch.cat([
+        self.taps = [
             ((length - age * dilation)[:, None] * self.width + i * n + torch.arange(n)).ravel()
             for i, dilation in enumerate(arch.dilations)
-        ])  # fmt: skip
+        ]
 
     def forward(
         self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, state2: Tensor
@@ -169,12 +162,13 @@ class _GatedStep(nn.Module):
         arch = self.network.arch
         x, state1 = self.features(counts, previous, state1)
         x = self.network.enter(x)
-        past = nn.functional.linear(state0[:, self.taps], self.past, self.bias)
+        blocks: Any = self.network.blocks
         halves = [arch.channels, arch.channels]
         inputs: list[Tensor] = [x]  # of the blocks
         total: Any = None
-        for before, newest in zip(past.split(self.widths, dim=1), self.newest, strict=True):
-            value, gate = torch.addmm(before, inputs[-1], newest).split(halves, dim=1)
+        for taps, block in zip(self.taps, blocks, strict=True):
+            taken = torch.cat([state0[:, taps], inputs[-1]], dim=1)
+            value, gate = block.conv(taken).split(halves, dim=1)
             output = torch.tanh(value) * torch.sigmoid(gate)
             total = output if total is None else total + output
             inputs.append(x + total)
