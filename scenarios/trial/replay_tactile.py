@@ -13,8 +13,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.decision import registered_events
 from detector.interface import SlipDetector
 from detector.recordings import Recording
+from detector.scores.evaluation import stream
 from drivers.interfaces import (
     FINGER_NAMES,
     FINGERS,
@@ -75,15 +77,14 @@ class _Lift:
     """A control step in the middle of a lift, with stub devices that obey at once.
 
     Closing takes 80 ms and ends in contact; a first stage takes half of that and ends at its
-    target. The arm arrives at once, or never: then the lift lasts as long as the recording. The
-    step first processes the ``earlier`` frames, so that at ``t_ns`` the lift has just begun.
-    ``detector`` is reset; no two lifts at the same time may have the same.
+    target. The arm never arrives, so the lift lasts as long as the recording. The step first
+    processes the ``earlier`` frames, so that at ``t_ns`` the lift has just begun. ``detector`` is
+    reset; no two lifts at the same time may have the same.
     """
 
     def __init__(
-        self, config: TrialConfig, detector: SlipDetector, earlier: Sequence[Counts], t_ns: int,
-        arm_arrives: bool = False,
-    ) -> None:  # fmt: skip
+        self, config: TrialConfig, detector: SlipDetector, earlier: Sequence[Counts], t_ns: int
+    ) -> None:
         self.lifting = False  # the arm has been commanded to lift
         detector.reset()
         monitors = Monitors(config.monitors, enabled=False)
@@ -92,7 +93,6 @@ class _Lift:
         )
         self._seq = 0
         self._rest_taken = False
-        self._arm_arrives, self._arm_m = arm_arrives, ORIGIN
         self._targets: Counts3 = (0, 0, 0)
         self._closes_until_ns = -1
         self._latched = False  # the thumb is stopped by the object
@@ -110,8 +110,7 @@ class _Lift:
         self._seq += 1
         none = np.zeros_like(counts)
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
-        moving = self.lifting and not self._arm_arrives
-        arm = ArmState(t_ns, 0, self._arm_m, ORIGIN, moving)
+        arm = ArmState(t_ns, 0, ORIGIN, ORIGIN, self.lifting)
         result = self._step.decide(
             Observation(
                 t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
@@ -131,7 +130,6 @@ class _Lift:
             self._rest_taken = True
         elif isinstance(command, MoveArm):
             self.lifting = True
-            self._arm_m = command.position_m if self._arm_arrives else self._arm_m
         elif isinstance(command, CloseToLimit) and not self._latched:
             self._latched = not command.first_stage
             self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
@@ -150,35 +148,34 @@ class _Lift:
 
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
-    """Replay a recording of one to three fingers; other fingers stay unloaded."""
+    """Replay a recording of one to three fingers. Slip is registered from these fingers alone, as
+    `detector evaluate` does; the controller gets other fingers as unloaded."""
     frames = np.zeros((len(recording.t_s), FINGERS, recording.taxels), np.int16)
-    frames[:, : recording.counts.shape[1]] = recording.counts
-    replay = TactileReplay([], [], [])
+    frames[:, : recording.fingers] = recording.counts
+    made = config.make_detector(recording.fingers, recording.taxels)
+    probabilities, _ = stream(made, recording.counts)
+    on = [slice(first, after) for first, after in registered_events(probabilities, config.rule)]
+    registered = [
+        (float(recording.t_s[event.start]), FINGER_NAMES[int(probabilities[event.start].argmax())])
+        for event in on
+    ]
+    replay = TactileReplay(registered, [], probabilities.tolist())
     detector = config.make_detector(FINGERS)
     lead = _steps_until_lift(config, detector)
-    # It does not respond and holds at the top without end. With an unloaded thumb it ends earlier
-    # in a safe state, and still detects slip there.
-    settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
-    passive = msgspec.structs.replace(config, controller=settings)
-    start_ns = round(recording.t_s[0] * 1e9)
-    passive_detector = passive.make_detector(FINGERS)
-    monitor = _Lift(passive, passive_detector, [frames[0]] * lead, start_ns, arm_arrives=True)
+    slips = np.zeros(len(frames), np.bool_)
+    for event in on:
+        slips[event] = True
     lift: _Lift | None = None
     began, next_lift = 0, 0  # frames
     thumb = frames[:, 0].min(axis=1)
     for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
-        result = monitor.step(t_ns, frames[k])
-        replay.probabilities.append(result.observation.probabilities.tolist())
-        slip = result.decision.slip
-        if slip.event:
-            replay.registered.append((t_ns * 1e-9, FINGER_NAMES[slip.finger]))
         if lift is not None and lift.over and k <= began + 1:
             # it failed at once, with an unloaded thumb: the next one takes as long as a grasp,
             # unless the thumb is loaded more before
             next_lift = began + lead
         due = k >= next_lift or thumb[k] < thumb[began] - NOISE_COUNTS
-        if (lift is None or lift.over) and not slip.registered and due:
+        if (lift is None or lift.over) and not slips[k] and due:
             # the first frame repeats for the time before the recording
             earlier = [frames[max(0, i)] for i in range(k - lead, k)]
             lift, began = _Lift(config, detector, earlier, t_ns), k

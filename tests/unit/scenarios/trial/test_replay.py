@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from detector import network
+from detector.decision import registered_events
 from detector.network import RuntimeNetwork, StreamingNetwork
 from detector.recordings import Recording
+from detector.scores.evaluation import stream
 from grasp.control.commands import CloseToLimit
 from scenarios.lift.lift import lift
 from scenarios.trial import replay_tactile as replay_module
@@ -106,6 +108,16 @@ def fingertip_strokes() -> Recording:
     steps = rng.normal(0, np.where(slip, 20.0, 1.0)[:, None], (n, 6))
     counts = (-150 + np.cumsum(steps, axis=0) * 0.3 + steps).astype(np.int16)
     return Recording(np.arange(n) * 0.01, counts[:, None, :], slip, None, "made up")
+
+
+def test_slip_of_one_finger_is_registered_as_by_an_evaluation() -> None:
+    recording, c = fingertip_strokes(), config()
+    p, _ = stream(c.make_detector(recording.fingers), recording.counts)
+    events = registered_events(p, c.rule)
+    assert [t for t, _ in replay_tactile(c, recording).registered] == [
+        pytest.approx(recording.t_s[first]) for first, _ in events
+    ]
+    assert len(events) > 0
 
 
 def test_every_stroke_of_a_fingertip_recording_causes_one_closing() -> None:
