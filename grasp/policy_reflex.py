@@ -59,6 +59,7 @@ from grasp.run.loop import to_gripper
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
 COUNTS = range(256)
+MOST = 1e9  # of any number of a command; a larger integer is no float
 SENSING_S = 0.1  # from contact until the arm brakes: fingertips 80 ms, a step, the arm; assumed
 LIFTED_M = 0.01  # an object that has risen so far does not lie below the fingers; assumed
 
@@ -342,7 +343,7 @@ def _problem(wanted: object) -> str:
 
 
 def _is_finite(number: object) -> bool:
-    return isinstance(number, Real) and math.isfinite(number)
+    return isinstance(number, Real) and abs(number) < MOST
 
 
 def _opens(hand: GripperCommand, gripper: GripperState) -> bool:

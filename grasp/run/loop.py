@@ -36,7 +36,7 @@ from grasp.control.controller import GraspController
 from grasp.control.controller_settings import LoopSettings
 from grasp.control.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
 from grasp.control.observation import Observation
-from grasp.control.states import State
+from grasp.control.states import SAFE_STATES, State
 from grasp.control.step import GraspStep, StepResult
 from grasp.control.transition import Decision
 from grasp.run import signals
@@ -385,6 +385,8 @@ class ControlLoop:
 
     def _enqueue(self, step_ns: int, decided_ns: int, result: StepResult) -> None:
         due_ns = step_ns + self._delay_ns
+        if result.decision.state in SAFE_STATES:  # a move decided before must not follow
+            self._queue = deque(w for w in self._queue if not isinstance(w.admitted, MoveArm))
         for requested, admitted in zip(result.decision.commands, result.admitted, strict=True):
             self._queue.append(_Waiting(due_ns, step_ns, decided_ns, requested, admitted))
 

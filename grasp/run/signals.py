@@ -51,7 +51,8 @@ class _State:
     def __init__(self) -> None:
         self.mode = _Mode.IMMEDIATE
         self.number: int | None = None  # of the first signal
-        self.raised = self.watched = False
+        self.raised = self.watched = self.armed = False
+        self.alarm_before: Any = None  # handler of SIGALRM that the timer's replaces
         self.raised_s = 0.0  # when the first signal came, or the last one was raised
         self.checks = self.checks_before = 0
         self.thread = threading.get_ident()
@@ -60,12 +61,24 @@ class _State:
         now_s = time.monotonic()
         if self.number is None:
             self.number, self.raised_s = number, now_s
-            self.checks_before = self.checks
             if self.watched:
-                signal.setitimer(signal.ITIMER_REAL, HANG_S, HANG_S)
+                self.arm()
         late = now_s - self.raised_s >= FORCE_AFTER_S
         if late or self.mode in (_Mode.IMMEDIATE, _Mode.ONCE):
             self._raise(Stuck if self.watched else Interruption)
+
+    def arm(self) -> None:
+        """Start the timer that looks for a hang."""
+        self.armed, self.checks_before = True, self.checks
+        self.alarm_before = signal.signal(signal.SIGALRM, self.look_for_hang)
+        signal.setitimer(signal.ITIMER_REAL, HANG_S, HANG_S)
+
+    def disarm(self) -> None:
+        """Stop it; a timer of somebody else is left alone."""
+        if self.armed:
+            self.armed = False
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, self.alarm_before)
 
     def look_for_hang(self, *_: object) -> None:
         before, self.checks_before = self.checks_before, self.checks
@@ -141,14 +154,16 @@ def watched() -> Iterator[None]:
     if state is not _taken:
         yield
         return
-    before = signal.signal(signal.SIGALRM, state.look_for_hang)
     state.watched = True
     try:
+        if state.number is not None:
+            state.arm()
         yield
     finally:
-        state.watched = False
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        try:
+            state.watched = False
+        finally:  # also where `Stuck` comes just now
+            state.disarm()
 
 
 def check(end: bool = True) -> None:

@@ -83,7 +83,9 @@ class Bench:
         observed = observation(inputs.t_ns, gripper=inputs.gripper, arm=inputs.arm)
         return SimpleNamespace(
             observation=observed,
-            decision=SimpleNamespace(commands=commands, finished=self.controller.finished),
+            decision=SimpleNamespace(
+                commands=commands, finished=self.controller.finished, state=self.controller.state
+            ),
             admitted=commands,
         )
 

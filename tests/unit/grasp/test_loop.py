@@ -166,6 +166,16 @@ def test_stop_drops_queued_commands_except_a_closing_for_slip(
     assert [name for name, *_ in bench.verbs()] == kept
 
 
+def test_a_move_decided_before_a_safe_state_is_not_sent_in_it() -> None:
+    bench = Bench(decision_delay_s=0.02)
+    bench.decides = [(RISE,), (StopArm(2.0),)]
+    bench.loop.tick()
+    bench.controller.state = State.LOST
+    for _ in range(5):
+        bench.loop.tick()
+    assert [name for name, *_ in bench.verbs()] == ["stop"]
+
+
 def test_on_a_wall_clock_commands_are_sent_and_acknowledged_before_observers_run() -> None:
     bench = Bench(wall=True, decision_delay_s=0.001, observer_reserve_s=0.004)
     bench.hand.acknowledged = False

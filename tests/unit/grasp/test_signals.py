@@ -128,3 +128,23 @@ def test_after_a_run_no_timer_is_left() -> None:
         signal.raise_signal(signal.SIGINT)
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
     assert signal.getsignal(signal.SIGALRM) == before
+
+
+@pytest.mark.usefixtures("taken")
+def test_a_timer_of_somebody_else_is_left_alone() -> None:
+    signal.setitimer(signal.ITIMER_REAL, 60.0)
+    try:
+        with signals.watched():
+            pass
+        assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@pytest.mark.usefixtures("taken")
+def test_a_hang_after_an_earlier_signal_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signals, "HANG_S", 0.02)
+    with signals.deferred():
+        signal.raise_signal(signal.SIGINT)
+        with signals.watched(), pytest.raises(Stuck):
+            signals.time.sleep(60.0)

@@ -260,6 +260,7 @@ def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], pro
         (PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, float("nan"))), "force_n: nan"),
         (PolicyCommand(hand=MoveFingers((60, 60, 60), float("inf"), 10.0)), "speed_mps: inf"),
         (PolicyCommand(hand=MoveFingers((60, 60, 60), -0.022, 10.0)), "speed_mps: -0.022"),
+        (PolicyCommand(hand=MoveFingers((60, 60, 60), 0.022, 10**400)), "force_n: 1000"),
         (PolicyCommand(hand=MoveFingers((60, 60, 256), 0.022, 10.0)), "targets_counts: ("),
         (
             PolicyCommand(hand=HoldFingers(), arm_velocity_mps=(0.0, 0.0, float("nan"))),
