@@ -22,8 +22,8 @@ def main() -> int:
     try:
         return command()  # it handles signals itself
     finally:
-        if signal.getsignal(signal.SIGINT) is _quit:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        if signal.getsignal(signal.SIGINT) is _quit:  # a held key must not change the exit code
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import msgspec
 from detector.interface import SlipDetector
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import evaluate_recording
-from drivers.errors import UsageError
+from drivers.errors import UsageError, one_line
 from drivers.interfaces import FINGERS
 from grasp.control.fault import INTERRUPTED
 from grasp.policy_reflex import Reflex
@@ -277,7 +277,12 @@ def _layer(settings: Settings | None) -> Layer:
     if not isinstance(settings, Mapping | None):
         raise UsageError(f"settings: {settings!r} is not a mapping",
                          'use a dict, such as {"object.mass_kg": 0.3}')  # fmt: skip
-    return layer_of("settings", msgspec.to_builtins(dict(settings or {})).items())
+    try:
+        plain = msgspec.to_builtins(dict(settings or {}), enc_hook=lambda value: value.item())
+        return layer_of("settings", plain.items())
+    except (AttributeError, TypeError) as error:
+        remedy = "names as keys, and numbers, words, true or false as values"
+        raise UsageError(f"settings: {one_line(str(error))}", remedy) from None
 
 
 def _say(text: str) -> None:

@@ -93,6 +93,9 @@ def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) ->
 
 def test_a_wrong_setting_is_named_by_the_argument_and_not_by_the_option() -> None:
     for call in (grasp.lift, lambda settings: grasp.detector("tcn", settings=settings)):
+        for wrong in ({1: 2}, {"object.mass_kg": object()}):
+            with pytest.raises(UsageError, match="settings: "):
+                call(settings=wrong)
         with pytest.raises(ConfigError, match=r"^settings: guard\.force_limit_n: ") as error:
             call(settings={"guard.force_limit_n": "x"})
         with pytest.raises(ConfigError, match=r"^settings: guard\.force_limit_n: "):
