@@ -122,7 +122,12 @@ def benchmark(run: Run) -> Made:
         (run.folder / split / BENCHMARK).unlink(missing_ok=True)  # maybe of another version
         if cli.main([*words, "--split", split, "--jobs", str(run.jobs)]):
             raise GraspError("the benchmark did not finish", "its message is above")
-    file, costs = read_scores(run.folder / "test" / BENCHMARK)
+    return of_scores(run.folder / "test" / BENCHMARK)
+
+
+def of_scores(path: Path) -> Made:
+    """Rows of a benchmark's file of scores."""
+    file, costs = read_scores(path)
     rows = []
     for each in ranked(file):
         item = each.of.detector if each.point == each.of.point else f"{each.of.detector}, {BEST}"
