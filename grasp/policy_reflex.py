@@ -21,7 +21,6 @@ It uses the application's detector, slip monitor, slip response and force guard,
 
 import math
 from collections.abc import Callable
-from numbers import Real
 from typing import Any
 
 import msgspec
@@ -343,7 +342,9 @@ def _problem(wanted: object) -> str:
 
 
 def _is_finite(number: object) -> bool:
-    return isinstance(number, Real) and abs(number) < MOST
+    if not isinstance(number, int | float | np.integer | np.floating):
+        return False
+    return bool(abs(number) < MOST)
 
 
 def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
