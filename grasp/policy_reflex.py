@@ -58,7 +58,7 @@ from grasp.run.loop import to_gripper
 
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
 COUNTS = range(256)
-MOST = 1e9  # of any number of a command; a larger integer is no float
+MOST = 10**9  # integer of a command; a huge one is no float
 SENSING_S = 0.1  # from contact until the arm brakes: fingertips 80 ms, a step, the arm; assumed
 LIFTED_M = 0.01  # an object that has risen so far does not lie below the fingers; assumed
 
@@ -342,9 +342,9 @@ def _problem(wanted: object) -> str:
 
 
 def _is_finite(number: object) -> bool:
-    if not isinstance(number, int | float | np.integer | np.floating):
-        return False
-    return bool(abs(number) < MOST)
+    if isinstance(number, int):
+        return abs(number) < MOST
+    return isinstance(number, float | np.integer | np.floating) and math.isfinite(number)
 
 
 def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
