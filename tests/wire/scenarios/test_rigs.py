@@ -124,7 +124,7 @@ def test_fault_of_a_device_ends_in_the_safe_state(
     assert ("tactile" if fault == "unplug" else "arm") in result["phases"][-1]["cause"]
     until(lambda: ready.ask("motion") == {"arm_mps": 0.0, "fingers_mps": 0.0})
     truth = ready.ask("truth")["truth"]
-    assert (truth["normal_n"][0] > 8.0) == (phase == "lift")  # closed to the limit in the air
+    assert (truth["normal_n"][0] > 5.0) == (phase == "lift")  # the first grasp has 2 to 3 N
     assert max(truth["peak_n"]) < 11.5
 
 
