@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from detector.network_file import FORMAT, Mode, NetworkCard, read_network, with_checksum
 from detector.recordings import Recording, write_whole
 from detector.training.fit import Training
-from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
+from detector.training.networks import Averaged, Features, GatedTcn, SlipGru, log_odds, odds_of
 from detector.training.settings import SHIFT_MEAN, WINDOW, shift_taps
 from detector.training.validation import calibration, likelihood
 from drivers.interfaces import FINGERS
@@ -137,8 +137,7 @@ class _GruStep(nn.Module):
 
 class _GatedStep(nn.Module):
     """Step of a `GatedTcn`. ``state0`` has the past inputs of every block, ``state2`` the latest
-    sums of their outputs, the newest last. One product computes the contribution of past inputs to
-    all blocks; only the newest tap is computed block by block."""
+    sums of their outputs, the newest last."""
 
     def __init__(self, network: GatedTcn) -> None:
         super().__init__()
@@ -151,17 +150,11 @@ class _GatedStep(nn.Module):
             "counts": frame, "previous": frame, "state0": (length * self.width,),
             "state1": (self.features.kept,), "state2": ((arch.held - 1) * n,),
         }  # fmt: skip
-        blocks: Any = network.blocks
-        convolutions = [block.conv for block in blocks]
-        self.past = torch.block_diag(*(conv.weight[:, :-n] for conv in convolutions))
-        self.bias = torch.cat([conv.bias for conv in convolutions])
-        self.widths = [2 * n] * len(convolutions)
-        self.newest = [conv.weight.detach()[:, -n:].T for conv in convolutions]
         age = torch.arange(arch.kernel - 1, 0, -1)  # samples over the dilation; the oldest first
-        self.taps = torch.cat([
+        self.taps = [
             ((length - age * dilation)[:, None] * self.width + i * n + torch.arange(n)).ravel()
             for i, dilation in enumerate(arch.dilations)
-        ])  # fmt: skip
+        ]
 
     def forward(
         self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, state2: Tensor
@@ -169,12 +162,12 @@ class _GatedStep(nn.Module):
         arch = self.network.arch
         x, state1 = self.features(counts, previous, state1)
         x = self.network.enter(x)
-        past = nn.functional.linear(state0[:, self.taps], self.past, self.bias)
         halves = [arch.channels, arch.channels]
         inputs: list[Tensor] = [x]  # of the blocks
         total: Any = None
-        for before, newest in zip(past.split(self.widths, dim=1), self.newest, strict=True):
-            value, gate = torch.addmm(before, inputs[-1], newest).split(halves, dim=1)
+        for taps, block in zip(self.taps, self.network.blocks, strict=True):
+            taken = torch.cat([state0[:, taps], inputs[-1]], dim=1)
+            value, gate = block.conv(taken).split(halves, dim=1)
             output = torch.tanh(value) * torch.sigmoid(gate)
             total = output if total is None else total + output
             inputs.append(x + total)
@@ -185,10 +178,34 @@ class _GatedStep(nn.Module):
         return odds, next0, state1, latest[:, arch.channels :]
 
 
-_Step = _Window | _GruStep | _GatedStep
+class _AveragedStep(nn.Module):
+    """Step of `Averaged` gated networks, which share frames and ``state1``; the other states of the
+    second follow those of the first."""
+
+    def __init__(self, network: Averaged) -> None:
+        super().__init__()
+        steps = [_GatedStep(part) for part in network.parts]
+        self.inputs = dict(steps[0].inputs)
+        for step in steps[1:]:
+            for name in ("state0", "state2"):
+                self.inputs[f"state{len(self.inputs) - 2}"] = step.inputs[name]
+        self.steps: Any = nn.ModuleList(steps)
+
+    def forward(
+        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, *others: Tensor
+    ) -> tuple[Tensor, ...]:
+        own = [state0, *others]
+        total, *nexts = self.steps[0](counts, previous, state0, state1, others[0])
+        for i, step in enumerate(self.steps[1:], 1):
+            odds, past, _, sums = step(counts, previous, own[2 * i], state1, own[2 * i + 1])
+            total, nexts = total + odds, [*nexts, past, sums]
+        return total / len(self.steps), *nexts
+
+
+_Step = _Window | _GruStep | _GatedStep | _AveragedStep
 
 
 def _step_of(network: nn.Module) -> _Step:
-    if isinstance(network, GatedTcn):
-        return _GatedStep(network)
+    if isinstance(network, Averaged):
+        return _AveragedStep(network)
     return _GruStep(network) if isinstance(network, SlipGru) else _Window(network)
