@@ -179,27 +179,22 @@ class _GatedStep(nn.Module):
 
 
 class _AveragedStep(nn.Module):
-    """Step of `Averaged` gated networks, which share frames and ``state1``; the other states of the
-    second follow those of the first."""
+    """Step of two `Averaged` networks. They share the frames and ``state1``; ``state3`` and
+    ``state4`` are ``state0`` and ``state2`` of the second."""
 
     def __init__(self, network: Averaged) -> None:
         super().__init__()
-        steps = [_GatedStep(part) for part in network.parts]
-        self.inputs = dict(steps[0].inputs)
-        for step in steps[1:]:
-            for name in ("state0", "state2"):
-                self.inputs[f"state{len(self.inputs) - 2}"] = step.inputs[name]
-        self.steps: Any = nn.ModuleList(steps)
+        self.one, self.other = map(_GatedStep, network.parts)
+        own = self.other.inputs
+        self.inputs = self.one.inputs | {"state3": own["state0"], "state4": own["state2"]}
 
     def forward(
-        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, *others: Tensor
-    ) -> tuple[Tensor, ...]:
-        own = [state0, *others]
-        total, *nexts = self.steps[0](counts, previous, state0, state1, others[0])
-        for i, step in enumerate(self.steps[1:], 1):
-            odds, past, _, sums = step(counts, previous, own[2 * i], state1, own[2 * i + 1])
-            total, nexts = total + odds, [*nexts, past, sums]
-        return total / len(self.steps), *nexts
+        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, state2: Tensor,
+        state3: Tensor, state4: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        one, *nexts = self.one(counts, previous, state0, state1, state2)
+        other, next3, _, next4 = self.other(counts, previous, state3, state1, state4)
+        return (one + other) / 2.0, *nexts, next3, next4
 
 
 _Step = _Window | _GruStep | _GatedStep | _AveragedStep

@@ -77,8 +77,8 @@ GATED = Architecture(
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so zero padding matters
     "tcn-paper": Architecture(family="tcn"),
-    # Shifts tell a lasting slip from rest until they are gone, modes are equal on every pad. Without
-    # either, a network bridges a pause of the vibration, but knows less. Each errs elsewhere.
+    # A shift shows that slip has displaced the pad, but once it is gone, slip that goes on looks
+    # like rest. Of two networks, one with and one without shifts, each errs elsewhere.
     "tcn": Architecture(
         family="tcn", streaming=True, parts=(
             GATED, msgspec.structs.replace(GATED, inputs=("changes", "counts"), mirrored=False),
