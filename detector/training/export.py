@@ -18,7 +18,15 @@ from torch import Tensor, nn
 from detector.network_file import FORMAT, Mode, NetworkCard, read_network, with_checksum
 from detector.recordings import Recording, write_whole
 from detector.training.fit import Training
-from detector.training.networks import Averaged, Features, GatedTcn, SlipGru, log_odds, odds_of
+from detector.training.networks import (
+    Averaged,
+    Features,
+    GatedTcn,
+    SlipGru,
+    log_odds,
+    odds_of,
+    parts_of,
+)
 from detector.training.settings import SHIFT_MEAN, WINDOW, shift_taps
 from detector.training.validation import calibration, likelihood
 from drivers.interfaces import FINGERS
@@ -162,10 +170,11 @@ class _GatedStep(nn.Module):
         arch = self.network.arch
         x, state1 = self.features(counts, previous, state1)
         x = self.network.enter(x)
+        blocks: Any = self.network.blocks
         halves = [arch.channels, arch.channels]
         inputs: list[Tensor] = [x]  # of the blocks
         total: Any = None
-        for taps, block in zip(self.taps, self.network.blocks, strict=True):
+        for taps, block in zip(self.taps, blocks, strict=True):
             taken = torch.cat([state0[:, taps], inputs[-1]], dim=1)
             value, gate = block.conv(taken).split(halves, dim=1)
             output = torch.tanh(value) * torch.sigmoid(gate)
@@ -184,7 +193,7 @@ class _AveragedStep(nn.Module):
 
     def __init__(self, network: Averaged) -> None:
         super().__init__()
-        self.one, self.other = map(_GatedStep, network.parts)
+        self.one, self.other = (_GatedStep(part) for part in parts_of(network))
         own = self.other.inputs
         self.inputs = self.one.inputs | {"state3": own["state0"], "state4": own["state2"]}
 
