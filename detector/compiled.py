@@ -400,6 +400,7 @@ OPERATORS: dict[str, Any] = {
     "Gemm": _Translation.gemm, "MatMul": _Translation.gemm, "Conv": _Translation.conv,
     "LayerNormalization": _Translation.layer_norm, "GRU": _Translation.gru,
     "ReduceMax": _Translation.reduce_max, "Slice": _Translation.slice,
+    "Identity": lambda t, x: x,
     "Concat": lambda t, *x, axis: np.concatenate(x, axis),
     "Gather": lambda t, x, at, *, axis=0: np.take(x, at, axis),
     "Split": lambda t, x, sizes, *, axis=0: np.split(x, np.cumsum(sizes)[:-1], axis),

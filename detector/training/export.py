@@ -18,7 +18,15 @@ from torch import Tensor, nn
 from detector.network_file import FORMAT, Mode, NetworkCard, read_network, with_checksum
 from detector.recordings import Recording, write_whole
 from detector.training.fit import Training
-from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
+from detector.training.networks import (
+    Averaged,
+    Features,
+    GatedTcn,
+    SlipGru,
+    log_odds,
+    odds_of,
+    parts_of,
+)
 from detector.training.settings import SHIFT_MEAN, WINDOW, shift_taps
 from detector.training.validation import calibration, likelihood
 from drivers.interfaces import FINGERS
@@ -179,10 +187,29 @@ class _GatedStep(nn.Module):
         return odds, next0, state1, latest[:, arch.channels :]
 
 
-_Step = _Window | _GruStep | _GatedStep
+class _AveragedStep(nn.Module):
+    """Step of two `Averaged` networks. They share the frames and ``state1``; ``state3`` and
+    ``state4`` are ``state0`` and ``state2`` of the second."""
+
+    def __init__(self, network: Averaged) -> None:
+        super().__init__()
+        self.one, self.other = (_GatedStep(part) for part in parts_of(network))
+        own = self.other.inputs
+        self.inputs = self.one.inputs | {"state3": own["state0"], "state4": own["state2"]}
+
+    def forward(
+        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, state2: Tensor,
+        state3: Tensor, state4: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
+        one, *nexts = self.one(counts, previous, state0, state1, state2)
+        other, next3, _, next4 = self.other(counts, previous, state3, state1, state4)
+        return (one + other) / 2.0, *nexts, next3, next4
+
+
+_Step = _Window | _GruStep | _GatedStep | _AveragedStep
 
 
 def _step_of(network: nn.Module) -> _Step:
-    if isinstance(network, GatedTcn):
-        return _GatedStep(network)
+    if isinstance(network, Averaged):
+        return _AveragedStep(network)
     return _GruStep(network) if isinstance(network, SlipGru) else _Window(network)

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,7 +18,7 @@ from torch import nn
 
 from detector.recordings import Recording, write_whole
 from detector.training.augment import augment
-from detector.training.networks import build_network, odds_of
+from detector.training.networks import build_network, odds_of, parts_of
 from detector.training.sequences import (
     Batch,
     FingerSequences,
@@ -56,10 +55,10 @@ class Training:
         self.arch = of_layout(name, self._fingers.taxels)
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build_network(self.arch)
-        features: Any = self.network.features
-        features.mean.copy_(torch.tensor(self.statistics.mean))
-        features.std.copy_(torch.tensor(self.statistics.std))
-        features.change_scale.fill_(self.statistics.change_scale)
+        for part in parts_of(self.network):
+            part.features.mean.copy_(torch.tensor(self.statistics.mean))
+            part.features.std.copy_(torch.tensor(self.statistics.std))
+            part.features.change_scale.fill_(self.statistics.change_scale)
         self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self._batches = _Batches(settings, self._fingers)
         self._slip_weight = 1.0 / self._fingers.slip_share - 1.0
@@ -120,18 +119,20 @@ class Training:
         labels, weights = torch.from_numpy(batch.labels), torch.from_numpy(batch.weights)
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
-        odds = self.network(counts) if s.dense else self.network(counts, last=True)
-        odds = _fused(odds, batch.hands)
-        each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
-        loss = (each * weights).sum() / weights.sum()
         for group in self._optimiser.param_groups:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), CLIP_NORM)
+        parts, total = parts_of(self.network), 0.0
+        for part in parts:  # each learns as if alone
+            odds = _fused(part(counts, last=not s.dense), batch.hands)
+            each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
+            loss = (each * weights).sum() / weights.sum()
+            loss.backward()
+            nn.utils.clip_grad_norm_(part.parameters(), CLIP_NORM)
+            total += float(loss.detach())
         self._optimiser.step()
         self.step += 1
-        return float(loss.detach())
+        return total / len(parts)
 
     def _rate(self) -> float:
         s = self.settings

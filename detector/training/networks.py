@@ -6,6 +6,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -199,6 +200,19 @@ class GatedTcn(nn.Module):
         return log_odds(self.out(both[:, -1:] if last else both))
 
 
+class Averaged(nn.Module):
+    """Mean of the log-odds of networks with different inputs, each trained by its own loss."""
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.arch = arch
+        self.parts = nn.ModuleList(map(build_network, arch.parts))
+
+    def forward(self, counts: Tensor, last: bool = False) -> Tensor:
+        """Log-odds (batch, time), or (batch, 1) of the last step."""
+        return torch.stack([part(counts, last) for part in self.parts]).mean(dim=0)
+
+
 def greatest(x: Tensor, samples: int) -> Tensor:
     """Running maximum over samples of (batch, time, channels), padded with zeros at the start."""
     padded = nn.functional.pad(x, (0, 0, samples - 1, 0)).transpose(1, 2)
@@ -264,8 +278,15 @@ def log_odds(scores: Tensor) -> Tensor:
 
 def build_network(arch: Architecture) -> nn.Module:
     """Network with random weights."""
+    if arch.parts:
+        return Averaged(arch)
     tcn = GatedTcn if arch.gated else SlipTcn
     return {"tcn": tcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
+
+
+def parts_of(network: nn.Module) -> list[Any]:
+    """The networks that are averaged; the network itself if it is none."""
+    return list(network.parts) if isinstance(network, Averaged) else [network]
 
 
 def odds_of(

@@ -14,7 +14,7 @@ from detector.network import StreamingNetwork, run_network  # noqa: E402
 from detector.network_file import NetworkCard, read_network  # noqa: E402
 from detector.training.augment import symmetries  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
-from detector.training.networks import build_network  # noqa: E402
+from detector.training.networks import build_network, parts_of  # noqa: E402
 from detector.training.settings import ARCHITECTURES, WINDOW  # noqa: E402
 from tests.unit.detector.network_files import walk  # noqa: E402
 
@@ -29,9 +29,10 @@ def network(name: str) -> "torch.nn.Module":
     torch.set_num_threads(1)
     torch.manual_seed(7)
     made = build_network(ARCHITECTURES[name]).eval()
-    made.features.mean.fill_(-20.0)
-    made.features.std.fill_(60.0)
-    made.features.change_scale.fill_(2.0)
+    for part in parts_of(made):
+        part.features.mean.fill_(-20.0)
+        part.features.std.fill_(60.0)
+        part.features.change_scale.fill_(2.0)
     for module in made.modules():
         if isinstance(module, torch.nn.BatchNorm1d | torch.nn.BatchNorm2d):
             module.running_mean.uniform_(0.0, 1.0)
@@ -104,12 +105,22 @@ def test_the_paper_s_networks_have_the_published_numbers_of_parameters() -> None
 
 @pytest.mark.parametrize("name", ["tcn", "gru"])
 def test_the_mirror_images_of_a_pad_have_equal_probabilities(name: str) -> None:
-    made, counts = network(name), walk(200)
+    made, counts = parts_of(network(name))[0], walk(200)
     with torch.no_grad():
         images = [made(as_batch(counts[:, :, order])) for order in symmetries(6)]
         other = made(as_batch(counts[:, :, [1, 0, 2, 3, 4, 5]]))
     assert all(torch.allclose(images[0], image, atol=TOLERANCE) for image in images)
     assert not torch.allclose(images[0], other, atol=100 * TOLERANCE)
+
+
+def test_the_tcn_averages_a_network_of_modes_with_shifts_and_one_of_taxels_without() -> None:
+    made, counts = network("tcn"), as_batch(walk(200))
+    modes, taxels = parts_of(made)
+    with torch.no_grad():
+        assert torch.allclose(made(counts), (modes(counts) + taxels(counts)) / 2, atol=TOLERANCE)
+        turned = taxels(counts[:, :, symmetries(6)[3]])
+        assert not torch.allclose(taxels(counts), turned, atol=100 * TOLERANCE)
+    assert [part.features.inputs[0] for part in (modes, taxels)] == ["shifts", "changes"]
 
 
 def test_no_output_of_the_tcn_depends_on_more_than_the_window() -> None:

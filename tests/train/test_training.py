@@ -15,9 +15,9 @@ from detector.recordings import write  # noqa: E402
 from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training  # noqa: E402
-from detector.training.networks import odds_of  # noqa: E402
+from detector.training.networks import odds_of, parts_of  # noqa: E402
 from detector.training.sequences import Windows, digest, finger_sequences  # noqa: E402
-from detector.training.settings import TrainSettings  # noqa: E402
+from detector.training.settings import ARCHITECTURES, TrainSettings  # noqa: E402
 from detector.training.validation import Score, calibration, likelihood  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
@@ -53,6 +53,18 @@ def test_network_learns_to_detect_bursts(name: str, tmp_path: Path) -> None:
     assert auc is not None and auc > 0.9
     assert ece is not None and ece < 0.15
     assert loaded.card.commit == "here"
+
+
+def test_each_of_two_averaged_networks_learns_as_if_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair, arch = training(steps=5, validations=1), ARCHITECTURES["tcn"]
+    pair.run(5.0, None, ignore)
+    alone = {"tcn": msgspec.structs.replace(arch, parts=arch.parts[:1])}
+    monkeypatch.setattr("detector.training.settings.ARCHITECTURES", alone)
+    one = training(steps=5, validations=1)
+    one.run(5.0, None, ignore)
+    (expected,), (part, _) = parts_of(one.network), parts_of(pair.network)
+    for key, value in expected.state_dict().items():
+        assert torch.equal(value, part.state_dict()[key]), key
 
 
 @pytest.mark.parametrize("name", ["tcn", "tcn-paper"])
