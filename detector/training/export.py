@@ -212,4 +212,6 @@ _Step = _Window | _GruStep | _GatedStep | _AveragedStep
 def _step_of(network: nn.Module) -> _Step:
     if isinstance(network, Averaged):
         return _AveragedStep(network)
+    if isinstance(network, GatedTcn):
+        return _GatedStep(network)
     return _GruStep(network) if isinstance(network, SlipGru) else _Window(network)
