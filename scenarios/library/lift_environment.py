@@ -62,7 +62,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
     also ``commanded_force_n`` (of this step's command, 0 without one), ``slip_registered``, and the
     one object ``admitted``, the result of the reflex (`grasp.policy_reflex.Admitted`).
 
-    A copy, by `copy` or `pickle`, has the same arguments and starts anew: call its ``reset``.
+    A copy, by `copy` or `pickle`, has the same arguments and no episode: call its ``reset``.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": round(1e9 / PERIOD_NS)}  # noqa: RUF012
@@ -208,7 +208,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
     @property
     def _open_rig(self) -> GraspRig:
         if self._rig is None:
-            raise ResetNeeded("call reset first; a copy of an environment starts anew")
+            raise ResetNeeded("call reset first; a copy of an environment has no episode")
         return self._rig
 
     def _true_state(self) -> Truth:

@@ -1,6 +1,7 @@
 """Rules for everything that commands hand or arm, played with random events: the controller, what
 it leaves to the gripper's thread, the reflex, and the hand of the lab commands."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -62,12 +63,12 @@ def acts(request: pytest.FixtureRequest) -> list[Act]:
     return acts
 
 
-class CommanderRules:
+class CommanderRules(ABC):
     """Inherited by the tests of each commander."""
 
+    @abstractmethod
     def play(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Act]:
         """Random events, and what the commander sends in each step."""
-        raise NotImplementedError
 
     def test_no_command_has_more_force_than_the_limit(self, acts: list[Act]) -> None:
         for command in (command for act in acts for command in act.hand):
