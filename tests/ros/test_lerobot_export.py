@@ -109,12 +109,13 @@ def test_frames_hold_what_was_recorded(data: DataSet, runs: list[Path]) -> None:
         found = data.column(f"observation.tactile.finger_{finger}", 0)
         np.testing.assert_array_equal(found, run.counts[known, i])
     # each command holds from its step until the next one
-    hand = [sent for sent in run.commands if sent.applied is not None]
-    for sent, until in zip(hand, [*hand[1:], None], strict=True):
+    sent = [each.message for each in run.commands]
+    hand = [each for each in sent if each.applied is not None]
+    for one, until in zip(hand, [*hand[1:], None], strict=True):
         end_ns = until.decided_ns if until else np.inf
-        at = (run.t_s[known] * 1e9 > sent.decided_ns - 1) & (run.t_s[known] * 1e9 < end_ns - 1)
-        assert sent.applied is not None
-        expected = [*sent.applied.targets_counts, sent.applied.speed_mps, sent.applied.force_n]
+        at = (run.t_s[known] * 1e9 > one.decided_ns - 1) & (run.t_s[known] * 1e9 < end_ns - 1)
+        assert one.applied is not None
+        expected = [*one.applied.targets_counts, one.applied.speed_mps, one.applied.force_n]
         np.testing.assert_allclose(action[at][:, :5] - expected, 0, atol=1e-6)
     upward = action[:, ACTION.index("arm_velocity_z_mps")]
     moved = np.diff(state[:, 5]) * 100

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -118,10 +119,10 @@ def test_topics_of_a_lift_arrive_at_the_tactile_rate(client: Client, start: Star
     for messages in (wrench, joints, tool):
         stamps = [stamp_ns(message) for message in messages]
         assert len(stamps) > 50 and before_ns < stamps[0] < stamps[-1] < after_ns
-    steps_ns = [
-        b - a for a, b in zip(map(stamp_ns, wrench), map(stamp_ns, wrench[1:]), strict=False)
-    ]
-    fastest_ns = sorted(steps_ns)[len(steps_ns) // 10]
+    # a step without a new sample repeats the last one, on a slow machine often
+    stamps = sorted({stamp_ns(message) for message in wrench})
+    steps_ns = sorted(b - a for a, b in pairwise(stamps))
+    fastest_ns = steps_ns[len(steps_ns) // 10]
     assert abs(fastest_ns - TICK_NS) < TICK_NS / 2
     assert max(message.wrench.force.z for message in wrench) > 2.0
     assert {len(message.name) for message in joints} == {9}  # the hand's, the arm's
