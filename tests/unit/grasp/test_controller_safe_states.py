@@ -150,7 +150,8 @@ def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fau
     for _ in range(20):
         d.step(faults=(failed("gripper_unconfirmed", seconds=0.3, how=""), fault))
     assert d.controller.faults == (UNCONFIRMED,)
-    assert d.controller.later_faults == (fault,)
+    d.step(faults=(failed("fingertips_frozen", samples=9),))
+    assert [f.code for f in d.controller.later_faults] == [fault.code, "fingertips_frozen"]
     assert {type(c) for c in d.commands} <= {StopArm, CloseToLimit}
 
 

@@ -11,8 +11,9 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, Vector3
 from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
 from grasp.control.contact_estimator import Stiffness
-from grasp.control.guard import ForceGuard, GuardSettings, limit_in_words
-from tests.unit.grasp.builders import gripper
+from grasp.control.grip_measure import READ_NS
+from grasp.control.guard import RISEN_M, TOUCHED_N, ForceGuard, GuardSettings, limit_in_words
+from tests.unit.grasp.builders import arm, gripper, observation
 
 M_PER_COUNT = 0.00077
 RIGID = Stiffness(2500.0 * M_PER_COUNT)
@@ -349,3 +350,42 @@ def test_before_a_grasp_by_touch_a_finger_that_moves_and_touches_stops_one_count
         state = gripper(requested=(requested, 55, 55))
         admitted = by_touch.admit(target, state, estimated_n)
         assert isinstance(admitted, MoveFingers) and admitted.targets_counts == (thumb, 60, 60)
+
+
+def read(by_touch: ForceGuard, t_ns: int, sides_n: float, height_m: float = 0.0) -> None:
+    """Let the hand rest with that force on both sides until it is read."""
+    estimated_n = sides_n, sides_n / 2, sides_n / 2
+    for at_ns in (t_ns, t_ns + READ_NS):
+        obs = observation(at_ns, arm=arm(at_ns, height_m))
+        by_touch.observe(obs, estimated_n, responsive=True)
+
+
+def test_in_a_grasp_by_touch_a_count_is_closed_only_while_the_limit_has_room_for_it() -> None:
+    by_touch = ForceGuard(GuardSettings(), 10.0, RIGID, touch=True)
+    room_n = 10.0 - RIGID.newtons_per_count
+    closing, felt = close(), (TOUCHED_N, TOUCHED_N, TOUCHED_N)
+    for t_ns, force_n, end in ((0, room_n, 56), (10**9, math.nextafter(room_n, 11), 55)):
+        by_touch.observe(observation(t_ns - 1, gripper=gripper(positions=(54, 55, 55))), felt, True)
+        read(by_touch, t_ns, force_n)
+        admitted = by_touch.admit(closing, gripper(), felt)
+        assert isinstance(admitted, CloseToLimit) and admitted.ends_counts == (end, end, end)
+
+
+def test_after_a_grasp_by_touch_b_and_c_close_by_single_counts_where_they_may() -> None:
+    each = GuardSettings(limit_mode="each_motor")
+    by_touch = ForceGuard(each, 10.0, RIGID, touch=True)
+    read(by_touch, 0, 6.0)
+    by_touch.set_first_grasp((55, 55, 55), (6.0, 3.0, 3.0))
+    admitted = by_touch.admit(MoveFingers((80, 80, 80), 0.022, 10.0), gripper(), NO_FORCE)
+    assert isinstance(admitted, MoveFingers) and admitted.targets_counts == (56, 56, 56)
+
+
+def test_an_object_counts_as_off_the_table_once_the_arm_has_risen_by_20_mm() -> None:
+    by_touch = ForceGuard(GuardSettings(), 10.0, RIGID, touch=True)
+    read(by_touch, 0, 4.0, height_m=0.1)
+    by_touch.set_first_grasp((55, 55, 55), (4.0, 2.0, 2.0))
+    base_m = arm(0, 0.1).position_m[2] - arm(0).position_m[2]
+    for t_ns, height_m, in_air in ((1, 0.0, False), (2, 0.019, False), (3, RISEN_M, True)):
+        read(by_touch, t_ns * 10**9, 4.0, base_m + height_m)
+        assert by_touch.grip is not None and by_touch.grip.now is not None
+        assert by_touch.grip.now.in_air is in_air, height_m

@@ -34,14 +34,14 @@ class Scene:
     def __init__(
         self, monkeypatch: pytest.MonkeyPatch, force_n: Vector3 = GRIP, limit_n: float = 10.0
     ) -> None:
-        self.slip = 0.0
+        self.slip, self.resets = 0.0, list[int]()  # of the detector, at these times, ns
         detector = SimpleNamespace(
-            name="scripted", threshold=0.5, memory=1, reset=lambda: None,
+            name="scripted", threshold=0.5, memory=1, reset=lambda: self.resets.append(self.t_ns),
             update=lambda counts: np.full(3, self.slip),
         )  # fmt: skip
         monkeypatch.setattr(TrialConfig, "make_detector", lambda *_: detector)
-        self.reflex = grasp.reflex(detector="energy", force_limit_n=limit_n)
         self.t_ns, self.height_m, self.sign = 0, 0.0, -1.0
+        self.reflex = grasp.reflex(detector="energy", force_limit_n=limit_n)
         self.positions: Counts3 = (55, 55, 55)
         self.detections, self.force_n, self.fresh = ALL_REST, force_n, True
 

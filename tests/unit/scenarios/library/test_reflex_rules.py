@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import UsageError
-from drivers.interfaces import ArmState, TactileFrame, Vector3
+from drivers.interfaces import PERIOD_NS, ArmState, TactileFrame, Vector3
 from grasp.control.commands import CloseToLimit, HoldFingers, MoveFingers, OpenFingers
+from grasp.control.controller_settings import ControllerSettings
 from grasp.control.states import State
 from grasp.policy_reflex import AT_REST, PolicyCommand
 from tests.unit.grasp.builders import gripper
@@ -57,6 +58,30 @@ def test_a_closing_of_the_policy_is_no_slip(held: Scene) -> None:
     still_masked = held.step(detections=ALL_REST, steps=10)
     assert still_masked.slip.masked and still_masked.state is State.HOLD
     assert held.step(steps=8).state is State.COMPENSATE  # it slips after the mask, too
+
+
+def test_only_fingers_that_move_and_have_not_come_to_rest_mask_slip(held: Scene) -> None:
+    assert held.step(detections=THUMB_MOVES, slip=1.0, steps=2).state is State.COMPENSATE
+
+
+def test_slip_while_a_hand_at_rest_reports_another_count_is_answered(held: Scene) -> None:
+    held.step(slip=1.0)
+    assert held.step(positions=(56, 55, 55)).state is State.COMPENSATE
+
+
+def test_the_detector_begins_again_at_contact_and_once_the_pads_have_settled(grip: Scene) -> None:
+    s = ControllerSettings()
+    grip.step(steps=HOLDS)
+    contact_ns, settled_ns = (t_ns for t_ns in grip.resets if t_ns > 0)
+    assert settled_ns - contact_ns == pytest.approx(s.settle_s * 1e9)
+    assert grip.t_ns - settled_ns == pytest.approx(s.baseline_s * 1e9, abs=2 * PERIOD_NS)
+
+
+def test_a_second_slip_is_answered_as_the_first(held: Scene) -> None:
+    for thumb, force_n in ((57, 4.0), (64, 5.0)):
+        assert isinstance(held.step(slip=1.0, steps=2).hand, CloseToLimit)
+        held.close_thumb(thumb, force_n)
+        assert held.step(slip=0.0, steps=100).state is State.HOLD
 
 
 def test_slip_closes_the_hand_to_the_limit_and_stops_the_arm(held: Scene) -> None:
