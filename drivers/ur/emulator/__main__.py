@@ -47,11 +47,7 @@ def _serve(settings: EmulatorSettings) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: asked_to_end.set())
     with UrEmulator(settings) as emulator:
-        ready = {
-            "ready": True,
-            "host": settings.host,
-            "fault_port": emulator.fault_port,
-        }
+        ready = {"ready": True, "host": settings.host, "fault_port": emulator.fault_port}
         sys.stdout.write(msgspec.json.encode(ready).decode() + "\n")
         sys.stdout.flush()
         emulator.run(lambda: asked_to_end.is_set() or os.getppid() != parent)

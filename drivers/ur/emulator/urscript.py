@@ -19,7 +19,7 @@ from drivers.ur.emulator.urscript_values import (
 Steps = Generator[None, None, Value]
 Function = Callable[["Thread"], Steps]  # function of the program; a step a cycle
 
-MAX_STEPS = 20_000  # limit for one thread in one cycle: blocks and calls of functions
+MAX_STEPS = 2_000  # limit for all threads in one cycle: statements, conditions, calls of functions
 MAX_THREADS = 32
 _RUNTIME: dict[str, Any] = {  # what translated code calls
     **OPERATORS,
@@ -34,22 +34,14 @@ class Thread:
         self.program = program
         self.robot = program.robot  # emulated controller, for the built-in functions
         self.handle = handle
-        self.left = MAX_STEPS
         self.steps = function(self)
 
-    def step(self) -> bool:
-        """Run until the thread waits for the next cycle; False when it has ended."""
-        self.left = MAX_STEPS
-        try:
-            next(self.steps)
-        except StopIteration:
-            return False
+    def spend(self, steps: int = 1) -> bool:
+        """Count steps; True, so that a condition counts itself."""
+        self.program.left -= steps
+        if self.program.left < 0:
+            raise ScriptError(f"infinite loop detected: {MAX_STEPS} steps in a cycle, no sync()")
         return True
-
-    def spend(self) -> None:
-        self.left -= 1
-        if self.left < 0:
-            raise ScriptError("infinite loop without time")
 
 
 class Program:
@@ -59,6 +51,7 @@ class Program:
         self.name = script.name
         self.robot = robot
         self.critical: Thread | None = None  # in a critical section: no other one runs
+        self.left = 0  # steps of this cycle
         self._handles = 0
         self._threads: list[Thread] = []
         names: dict[str, Any] = {"__builtins__": {}, **_RUNTIME}
@@ -93,11 +86,12 @@ class Program:
     def step(self) -> bool:
         """Run one cycle: each thread in turn until it waits. False once the main thread has ended.
         Raises ScriptError."""
-        main = self._threads[0]
+        main, self.left = self._threads[0], MAX_STEPS
         try:
             for thread in list(self._threads):
                 blocked = self.critical is not None and self.critical is not thread
-                if not blocked and thread in self._threads and not thread.step():
+                # a thread that waits for the next cycle yields None
+                if not blocked and thread in self._threads and next(thread.steps, "ended"):
                     self._end(thread)
         except RecursionError:
             raise ScriptError("nested too deep") from None

@@ -227,7 +227,8 @@ def pose_sub(thread: Thread, p_to: Value, p_from: Value) -> PoseValue:
 
 
 def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[float] | None:
-    """Joint angles for a pose, or None."""
+    """Joint angles for a pose, or None; it takes as long as a hundred statements."""
+    thread.spend(100)
     q = thread.robot.motion.joints_for(pose, None if near is None else _numbers(near))
     return None if q is None else list(q)
 

@@ -78,14 +78,15 @@ class _Function:
         self.level = 1  # open blocks, the function's included
 
     def add(self, line: str) -> None:
-        self.body.append(" " * self.level + line)
+        """Add a statement, which is a step of its thread."""
+        self.body.append(f"{' ' * self.level}thread.spend(); {line}")
 
     def open(self, line: str, again: bool) -> None:
         """Open a block; ``again`` closes the one before it."""
         self.level -= again
-        self.add(line)
+        self.body.append(" " * self.level + line)
         self.level += 1
-        self.add("thread.spend()")
+        self.add("pass")  # a block may be empty
 
     def source(self, shared: set[str]) -> Iterator[str]:
         yield f"def f_{self.name}({', '.join(['thread', *self.parameters])}):"
@@ -161,7 +162,8 @@ class _Translator:
             case "if" | "while" | "elif":
                 if not rest.endswith(":"):
                     raise self._refuse("a colon expected")
-                function.open(f"{word} {self._value_of(rest[:-1])}:", again=word == "elif")
+                condition = f"thread.spend() and {self._value_of(rest[:-1])}"
+                function.open(f"{word} {condition}:", again=word == "elif")
             case "else" if rest == ":":
                 function.open("else:", again=True)
             case "end" if not rest and function.level > 1:
@@ -186,8 +188,8 @@ class _Translator:
         if found is None:
             raise self._refuse("a name and parameters expected")
         name = found["name"]
-        if name in self._builtins:
-            raise ScriptError(f"{name} is a function of the controller")
+        if name in self._builtins or name in self._functions:
+            raise self._refuse(f"{name} is defined already")
         parameters = [
             f"v_{each.strip()}" for each in found["parameters"].split(",") if each.strip()
         ]
@@ -218,6 +220,8 @@ class _Translator:
         if started := _RUN.fullmatch(text.strip()):
             self._calls.append((started[1], None))
             return f"thread.program.start(f_{started[1]})"
+        if "'" in _TOKEN.sub("", text):
+            raise self._refuse("a string is in double quotes")
         try:
             return self._value(ast.parse(_TOKEN.sub(_prefixed, text).strip(), mode="eval").body)
         except _INVALID:

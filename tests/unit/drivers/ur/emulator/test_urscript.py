@@ -4,7 +4,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from drivers.ur.emulator.urscript import MAX_THREADS, Program
+from drivers.ur.emulator.urscript import MAX_STEPS, MAX_THREADS, Program
 from drivers.ur.emulator.urscript_parser import MAX_CHARS, parse
 from drivers.ur.emulator.urscript_values import PoseValue, ScriptError
 
@@ -77,6 +77,21 @@ def test_invalid_programs_are_refused():
             parse(text, KNOWN)
 
 
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("say('a')", "line 2: a string is in double quotes: say('a')"),
+        ("def f():\nend\ndef f():\nend", "line 4: f is defined already: def f():"),
+        ("thread main():\nend", "line 2: main is defined already: thread main():"),
+        ("def say():\nend", "line 2: say is defined already: def say():"),
+    ],
+)
+def test_a_refusal_names_the_line(body, message):
+    with pytest.raises(ScriptError) as error:
+        parse(f"def main():\n{body}\nend\n", KNOWN)
+    assert str(error.value) == message
+
+
 def test_excessive_programs_are_refused():
     for text in [
         "x = " + "(" * 10_000 + "1" + ")" * 10_000,
@@ -111,6 +126,7 @@ def test_expressions_have_their_values():
         ("1 < 2 and not 3 >= 4", True),
         ("False or 1 == 1.0", True),
         ('"a"', "a"),
+        ('"it\'s"', "it's"),
         ("p[1, 2, 3, 4, 5, 6]", PoseValue([1, 2, 3, 4, 5, 6])),
         ("[1, [2][0]]", [1, 2]),
         ("2147483647", 2147483647),
@@ -207,7 +223,16 @@ def test_programs_with_unknown_names_do_not_start():
 
 def test_run_time_errors_end_a_program():
     for body, message in [
-        ("while True:\n x = 1\n end", "infinite loop"),
+        ("while True:\n x = 1\n end", "infinite loop detected"),
+        ("while True:\n end", "infinite loop detected"),
+        ("while True:\n i = 0\n while i < 600:\n i = i + 1\n end\n end", "infinite loop"),
+        ("x = 1\n" * (MAX_STEPS + 1), "infinite loop detected"),
+        ("if False:\n end\n" * (MAX_STEPS // 2) + "x = 1\n" * (MAX_STEPS // 2), "infinite loop"),
+        (
+            f"thread t():\n i = 0\n while i < {MAX_STEPS // 6}:\n i = i + 1\n end\n end\n"
+            " h = run t()\n h = run t()\n h = run t()\n sync()",
+            "infinite loop",
+        ),
         ("def f():\n f()\n end\n f()", "too deep"),
         ("x = 2147483647\n x = x + 1", "overflow"),
         ("x = -2147483647 - 1\n x = -x", "overflow"),

@@ -164,7 +164,7 @@ def send_program(host, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("def f():\n  while True:\n    x = 1\n  end\nend\n", "infinite loop without time"),
+        ("def f():\n  while True:\n    x = 1\n  end\nend\n", "infinite loop detected"),
         ("def f():\n  $\nend\n", "line 2: not emulated: $"),
     ],
 )
