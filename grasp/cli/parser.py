@@ -2,6 +2,7 @@
 are reported like all others. ``Options`` are the values that it reads, as a typed class."""
 
 import argparse
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -53,6 +54,7 @@ class Parser(argparse.ArgumentParser):
         self._commands: argparse._SubParsersAction[Parser] | None = None
         self._sections: dict[str, list[argparse.Action]] = {}
         super().__init__(*args, **{"formatter_class": Formatter, "allow_abbrev": False, **options})
+        self._negative_number_matcher = re.compile(r"-[0-9.]+([eE][+-]?[0-9]+)?$")
 
     def add_argument(self, *args: Any, **options: Any) -> argparse.Action:
         """Add an argument, under its heading."""
@@ -108,6 +110,11 @@ class Parser(argparse.ArgumentParser):
             hint = suggestion(unknown[0].partition("=")[0], known)
             self.error(f"`{self.prog}` does not take {' '.join(unknown)}{hint}")
         return namespace, unknown
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if "" in arg_strings and action.nargs not in (argparse.PARSER, argparse.REMAINDER):
+            raise argparse.ArgumentError(action, "the value is empty")
+        return super()._get_values(action, arg_strings)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

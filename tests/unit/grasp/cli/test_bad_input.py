@@ -34,6 +34,8 @@ BAD_SETTINGS = [
 # FILE is a path that does not exist, DIR an empty folder
 BAD_WORDS = """
 nonsense | run | run fly | run lift --object | run lift --seed -1 | run lift --detector=
+run lift --object= | run lift --config= | dataset import FILE --out DIR --columns=
+arm step --x -1e1 | gripper step --mm -1e-3
 run lift --config DIR | run lift --config /dev/zero | run tap --taps -1 | run acquire --speed nan
 run acquire --surface moon | campaign run FILE.toml | campaign run paper --jobs 0 | replay
 runs DIR | runs /dev/null | export FILE --to csv | replay FILE | replay DIR

@@ -42,6 +42,8 @@ def test_invalid_values_are_refused_with_the_allowed_range(capsys: Capture) -> N
         ("run lift --trials 0", "0 is out of range: 1 to 10000"),
         ("run lift --trials x", "'x' is not a whole number, allowed: 1 to 10000"),
         ("run acquire --speed 9", "9 is out of range: 0.004 to 0.2 m/s"),
+        ("arm step --x -1e3", "-1e3 is out of range: -5 to 5 mm"),
+        ("run lift --object=", "argument --object: the value is empty"),
         ("run acquire --speed nan", "'nan' is not a number, allowed: 0.004 to 0.2 m/s"),
     ):
         assert main(words.split()) == 2, words
