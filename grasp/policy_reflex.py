@@ -21,7 +21,8 @@ It uses the application's detector, slip monitor, slip response and force guard,
 
 import math
 from collections.abc import Callable
-from typing import Any
+from operator import gt, lt
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -56,6 +57,7 @@ from grasp.control.states import State
 from grasp.control.step import GraspStep, StepResult
 from grasp.run.loop import to_gripper
 
+Nanoseconds = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 AT_REST: Vector3 = (0.0, 0.0, 0.0)
 COUNTS = range(256)
 MOST = 10**9  # integer of a command; a huge one is no float
@@ -175,15 +177,16 @@ class Reflex:
             t_ns: time of this sample on the clock of the states; None: that of the frame.
 
         Raises:
-            UsageError: for counts of another type, shape or range, for counts without ``t_ns``,
-                and for a time that is no integer or goes back.
+            UsageError: for counts of another type, shape or range, for counts without ``t_ns``, for
+                a time that is no integer or goes back, and for a state with a value of another type
+                than it declares. Nothing has changed then.
         """
-        counts = tactile.counts if isinstance(tactile, TactileFrame) else np.asarray(tactile)
-        _check_counts(counts, self._taxels)
-        frame = tactile if isinstance(tactile, TactileFrame) else _frame(counts, t_ns)
-        now_ns = frame.t_ns if t_ns is None else t_ns
-        if not isinstance(now_ns, int | np.integer):
-            raise UsageError(f"the time {now_ns!r} is no integer", "give nanoseconds")
+        if isinstance(tactile, TactileFrame):
+            counts, raw = (_codes(codes, self._taxels) for codes in (tactile.counts, tactile.raw))
+            frame = msgspec.structs.replace(tactile, counts=counts, raw=raw)
+        else:
+            frame = _frame(_codes(tactile, self._taxels), t_ns)
+        gripper, arm, now_ns = _checked(gripper, arm, frame.t_ns if t_ns is None else t_ns)
         if self._last_ns is not None and now_ns < self._last_ns:
             raise UsageError("the time went back", "give the times of one clock, or call reset()")
         self._last_ns = now_ns
@@ -244,10 +247,10 @@ class Reflex:
             targets = _in_contact(targets, gripper, held)
             if targets == gripper.requested:
                 return None
-        elif self._least_n > self._limit_n and _others_close(targets, gripper):
+        elif self._least_n > self._limit_n and any(map(gt, targets[1:], gripper.positions[1:])):
             # position alone bounds the force, so no two sides meet an object at twice the speed
             targets = (min(targets[0], gripper.positions[0]), *targets[1:])
-        if any(target > at for target, at in zip(targets, gripper.positions, strict=True)):
+        if any(map(gt, targets, gripper.positions)):
             speed_mps = min(speed_mps, self._settings.grip_speed_mps)
         hand = self._guarded(MoveFingers(targets, speed_mps, force_n), gripper)
         if isinstance(hand, HoldFingers):
@@ -351,8 +354,7 @@ def _opens(hand: GripperCommand, gripper: GripperState) -> bool:
     """Whether a command moves a finger back from where it is."""
     if not isinstance(hand, MoveFingers):
         return isinstance(hand, OpenFingers)
-    fingers = zip(hand.targets_counts, gripper.min_closure_counts, strict=True)
-    return any(target < at for target, at in fingers)
+    return any(map(lt, hand.targets_counts, gripper.min_closure_counts))
 
 
 def _in_contact(wanted: Counts3, gripper: GripperState, held: bool) -> Counts3:
@@ -363,32 +365,40 @@ def _in_contact(wanted: Counts3, gripper: GripperState, held: bool) -> Counts3:
     return wanted[0], min(wanted[1], b), min(wanted[2], c)
 
 
-def _others_close(targets: Counts3, gripper: GripperState) -> bool:
-    """Whether finger B or C is to close."""
-    _, *others = zip(targets, gripper.positions, strict=True)
-    return any(target > at for target, at in others)
-
-
 def _present_target(finger: FingerState) -> int:
     moves = finger.detection is Detection.MOVING
     return finger.min_closure_counts if moves else finger.requested_counts
 
 
-def _check_counts(counts: NDArray[Any], taxels: int) -> None:
-    """Raise UsageError for what cannot be raw minus rest of all fingertips."""
+def _checked(*states_and_time: object) -> tuple[GripperState, ArmState, int]:
+    """The states and the time with values of their declared types. Raises UsageError for others."""
+    try:
+        plain = msgspec.to_builtins(states_and_time, enc_hook=lambda value: value.tolist())  # NumPy
+        return msgspec.convert(plain, tuple[GripperState, ArmState, Nanoseconds])
+    except (AttributeError, TypeError, msgspec.MsgspecError) as error:
+        text = str(error).replace("$[0]", "gripper").replace("$[1]", "arm").replace("$[2]", "time")
+        raise UsageError(text, "give a GripperState, an ArmState, integer nanoseconds") from None
+
+
+def _codes(given: object, taxels: int) -> NDArray[np.int16]:
+    """Codes of all fingertips. Raises UsageError for what cannot be raw minus rest."""
+    try:
+        counts = np.asarray(given)
+    except ValueError:  # rows of unequal length
+        counts = np.empty(FINGERS, object)
     fits = counts.dtype.kind in "iu" and counts.shape == (FINGERS, taxels)
     if not fits or counts.min() < -CODE_MAX or counts.max() > CODE_MAX:
         span = f", from {counts.min()} to {counts.max()}" if fits else ""
         wrong = f"counts of type {counts.dtype} and shape {counts.shape}{span}"
         allowed = f"integers of shape (3, {taxels}) from -{CODE_MAX} to {CODE_MAX}"
         raise UsageError(wrong, f"give raw codes minus rest codes: {allowed}")
+    return counts.astype(np.int16)
 
 
 def _frame(counts: NDArray[np.int16], t_ns: int | None) -> TactileFrame:
     """A frame of counts, with raw codes in the middle of the range."""
     if t_ns is None:
         raise UsageError("counts have no time", "give t_ns, or a TactileFrame")
-    counts = counts.astype(np.int16)
     rest = np.full_like(counts, CODE_MAX // 2)
     raw = np.clip(counts + rest, 1, CODE_MAX - 1)
     return TactileFrame(t_ns, t_ns, 0, counts, raw, rest, np.zeros_like(counts))

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -265,6 +266,8 @@ def test_the_arm_is_no_faster_than_its_limit(empty: Scene) -> None:
         (np.zeros((3, 7), np.int16), r"shape \(3, 7\)"),
         (np.full((3, 6), 70_000), "from 70000 to 70000"),
         (np.full((3, 6), -1024), "from -1024 to -1024"),
+        ([[1, 2], [3]], r"type object"),
+        (None, r"type object and shape \(\)"),
     ],
 )
 def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], problem: str) -> None:
@@ -275,8 +278,44 @@ def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], pro
         with pytest.raises(UsageError, match=problem) as caught:
             empty.reflex.step(tactile, gripper(), state, hold, t_ns=0)
         assert "integers of shape (3, 6) from -1023 to 1023" in caught.value.remedy
-    with pytest.raises(UsageError, match="no integer"):
-        empty.reflex.step(zero, gripper(), state, hold, t_ns=0.5)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=problem):
+        empty.reflex.step(TactileFrame(0, 0, 0, zero, wrong, zero, zero), gripper(), state, hold)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [
+        ({"arm": None}, "at `arm`"),
+        ({"gripper": None}, "at `gripper`"),
+        ({"arm": ArmState(0, 0, None, AT_REST, False)}, "at `arm.position_m`"),  # type: ignore[arg-type]
+        ({"arm": ArmState(0, 0, (0.0, 0.0), AT_REST, False)}, "of length 3, got 2"),  # type: ignore[arg-type]
+        ({"arm": ArmState(0, 0, AT_REST, object(), False)}, "tolist"),  # type: ignore[arg-type]
+        ({"gripper": msgspec.structs.replace(gripper(), fingers=())}, "of length 3, got 0"),
+        ({"gripper": msgspec.structs.replace(gripper(), t_ns=None)}, "at `gripper.t_ns`"),
+        ({"t_ns": 0.5}, "got `float` - at `time`"),
+        ({"t_ns": 2**70}, "at `time`"),
+        ({"t_ns": -1}, "the time went back"),
+    ],
+)
+def test_a_state_or_a_time_that_is_none_is_refused_and_changes_nothing(
+    grip: Scene, wrong: dict[str, Any], problem: str
+) -> None:
+    grip.step(steps=HOLDS - 5)
+    arm = ArmState(grip.t_ns, 0, AT_REST, AT_REST, False)
+    given = {"gripper": gripper(grip.t_ns), "arm": arm, "t_ns": grip.t_ns + PERIOD_NS, **wrong}
+    with pytest.raises(UsageError, match=problem):
+        grip.reflex.step(grip.counts(), wanted=PolicyCommand(hand=HoldFingers()), **given)
+    assert not grip.last.held and grip.step(steps=5).held
+
+
+def test_states_of_numpy_numbers_are_taken(empty: Scene) -> None:
+    fingers = [msgspec.structs.replace(f, detection=3) for f in gripper().fingers]
+    hand = msgspec.structs.replace(gripper(), fingers=fingers, t_ns=np.int64(0))
+    arm = ArmState(0, 0, np.zeros(3), (np.float32(0), 0, 0), np.bool_(False))  # type: ignore[arg-type]
+    counts, hold = np.zeros((3, 6), np.int16), PolicyCommand(hand=HoldFingers())
+    admitted = empty.reflex.step(counts, hand, arm, hold, t_ns=np.int64(0))  # type: ignore[arg-type]
+    assert admitted.faults == () and empty.reflex.last_step is not None
+    assert empty.reflex.last_step.observation.arm == ArmState(0, 0, AT_REST, AT_REST, False)
 
 
 @pytest.mark.parametrize(
