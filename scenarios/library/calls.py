@@ -1,8 +1,10 @@
 """The six functions of the Python API. None of them can open a real device."""
 
 import os
+import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,11 +32,10 @@ from scenarios.library.results import (
     Replayed,
     TactileResult,
     Tap,
+    TrialT,
     read_trial,
-    with_folder,
 )
 from scenarios.lift.lift import lift as lift_experiment
-from scenarios.report.run_record import RunRecord
 from scenarios.rigs.compilation import tell_of_compilation
 from scenarios.rigs.config import HARDWARE
 from scenarios.rigs.workers import Workers
@@ -42,7 +43,7 @@ from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
-from scenarios.trial.result import Failure, JudgedTrial, ResultT
+from scenarios.trial.result import JudgedTrial
 from scenarios.world import COMPILING, is_compiled
 
 File = str | Path
@@ -82,13 +83,8 @@ def lift(
         BadFile: for a detector that cannot be loaded.
         KeyboardInterrupt: for Ctrl-C.
     """
-    named = (object, rig, seed, detector, profile, config, settings)
-    chosen = _config(*named, loads=load_lift).for_lift()
-    folder = _folder(runs)
-    with tell_of_compilation(_say):
-        result, failure, record = _read_result(lift_experiment.run(chosen, seed, folder))
-    made = Lift(result=result, failure=failure, record=record, folder=record.path.parent)
-    return with_folder(made, None if runs else folder)
+    chosen = _config(object, rig, seed, detector, profile, config, settings, load_lift).for_lift()
+    return _run(lambda folder: lift_experiment.run(chosen, seed, folder), runs, Lift)
 
 
 def tap(
@@ -105,11 +101,7 @@ def tap(
     """Run one tap: tap an object held at the force limit, and check that slip is registered in time
     and its end too. Arguments and errors as for `lift`."""
     chosen = _config(object, rig, seed, detector, profile, config, settings).for_tap()
-    folder = _folder(runs)
-    with tell_of_compilation(_say):
-        result, failure, record = _read_result(tap_experiment.run(chosen, seed, folder))
-    made = Tap(result=result, failure=failure, record=record, folder=record.path.parent)
-    return with_folder(made, None if runs else folder)
+    return _run(lambda folder: tap_experiment.run(chosen, seed, folder), runs, Tap)
 
 
 def replay(
@@ -140,7 +132,7 @@ def replay(
 
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
-    config = load_config("can", "simulated", detector, None, _layer(settings))
+    config = _config("can", "simulated", 0, detector, DEFAULT_PROFILE, None, settings)
     recording = read(path, labelled=False)
     replayed = replay_tactile(config, recording)
     sheet = None
@@ -197,7 +189,9 @@ def detector(
         BadFile: for a network whose file is damaged.
         UsageError: for a number of taxels that it does not support.
     """
-    config = load_config("can", "simulated", name, None, _layer(settings))
+    _check_number("fingers", fingers)
+    _check_number("taxels", taxels or 0)
+    config = _config("can", "simulated", 0, name, DEFAULT_PROFILE, None, settings)
     return config.make_detector(fingers, taxels)
 
 
@@ -226,9 +220,9 @@ def reflex(
         ConfigError: for an unknown name, or a force limit that the hand cannot keep.
         BadFile: for a detector that cannot be loaded.
     """
-    limit = {} if force_limit_n is None else {"guard.force_limit_n": force_limit_n}
-    given = _layer({**(settings or {}), **limit})
-    return make_reflex(load_config("can", rig, detector, _files(config), given, profile))
+    if force_limit_n is not None and isinstance(settings, Mapping | None):
+        settings = {**(settings or {}), "guard.force_limit_n": force_limit_n}
+    return make_reflex(_config("can", rig, 0, detector, profile, config, settings, moves=False))
 
 
 def _config(
@@ -240,16 +234,19 @@ def _config(
     config: File | Sequence[File] | None,
     settings: Settings | None,
     loads: Callable[..., RunConfig] = load_config,
+    moves: bool = True,
 ) -> RunConfig:
-    """Resolved settings; raises UsageError for a rig with real devices, or a value of a wrong
-    type."""
+    """Resolved settings; raises UsageError for real devices where it ``moves`` them, or a value of
+    a wrong type."""
     words = {"object": name, "rig": rig, "detector": detector, "profile": profile}
     for key, word in words.items():
-        if word is not None:
+        if word is not None or key in ("rig", "profile"):
             _path(key, word)
+            words[key] = str(word)
     _check_number("seed", seed)
-    chosen = loads(name, rig, detector, _files(config), _layer(settings), profile)
-    if chosen.rig == HARDWARE:
+    named = words["object"], words["rig"], words["detector"]
+    chosen = loads(*named, _files(config), _layer(settings), words["profile"])
+    if moves and chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"
         )
@@ -268,8 +265,8 @@ def _path(name: str, value: object) -> Path:
 
 
 def _check_number(name: str, value: object) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise UsageError(f"{name}: {value!r} is not a whole number of 0 or more", "use 0, 1, 2 ...")
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**63:
+        raise UsageError(f"{name}: {value!r} is not a whole number from 0 to 2^63 - 1", "use 0, 1")
 
 
 def _layer(settings: Settings | None) -> Layer:
@@ -289,12 +286,14 @@ def _say(text: str) -> None:
     sys.stderr.write(f"{text}\n")
 
 
-def _folder(runs: File | None) -> Path:
-    return Path(tempfile.mkdtemp(prefix="grasp-library-")) if runs is None else _path("runs", runs)
-
-
-def _read_result(finished: JudgedTrial[ResultT]) -> tuple[ResultT, Failure | None, RunRecord]:
-    """Result, failure and recording of a run. Raises UsageError where there is no result."""
+def _run(
+    run: Callable[[Path], JudgedTrial[Any]], runs: File | None, kind: Callable[..., TrialT]
+) -> TrialT:
+    """What a run in a folder gives. A temporary folder is deleted with it. Raises UsageError where
+    there is no result."""
+    folder = _path("runs", tempfile.mkdtemp(prefix="grasp-library-") if runs is None else runs)
+    with tell_of_compilation(_say):
+        finished = run(folder)
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
@@ -302,4 +301,8 @@ def _read_result(finished: JudgedTrial[ResultT]) -> tuple[ResultT, Failure | Non
         text = "nothing was recorded" if failure is None else failure.message
         remedy = "run it again" if failure is None else failure.remedy
         raise UsageError(f"the run has no result: {text}", remedy)
-    return result, failure, read_trial(Path(result.recording).parent)
+    record = read_trial(Path(result.recording).parent)
+    trial = kind(result=result, failure=failure, record=record, folder=record.path.parent)
+    if runs is None:
+        weakref.finalize(trial, shutil.rmtree, folder, ignore_errors=True)
+    return trial

@@ -1,7 +1,5 @@
 """Results of the Python API: typed, frozen, with read-only arrays."""
 
-import shutil
-import weakref
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -217,10 +215,3 @@ def read_trial(folder: Path) -> RunRecord:
 def _frozen(array: ArrayT) -> ArrayT:
     array.flags.writeable = False
     return array
-
-
-def with_folder(trial: TrialT, temporary: Path | None) -> TrialT:
-    """The trial, whose temporary folder, if any, is deleted with it."""
-    if temporary is not None:
-        weakref.finalize(trial, shutil.rmtree, temporary, ignore_errors=True)
-    return trial

@@ -1,6 +1,7 @@
 """The Python API of `import grasp`: light, typed, frozen, and without access to real devices."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -82,13 +83,37 @@ def test_replay_reports_whether_all_is_as_recorded(lift: Lift) -> None:
         {"runs": 5},
         {"config": 5},
         {"config": [5]},
+        {"rig": None},
+        {"profile": None},
+        {"seed": 2**70},
+        {"settings": [1]},
     ],
 )
 def test_wrong_arguments_raise_an_error_of_the_project(wrong: dict[str, Any]) -> None:
+    ((name, value),) = wrong.items()
     with pytest.raises(GraspError) as error:
         grasp.lift(**wrong)
-    assert str(next(iter(wrong.values()))).strip("[]") in error.value.message
+    assert name in error.value.message and str(value).strip("[]") in error.value.message
+    if name not in ("object", "seed", "runs"):
+        with pytest.raises(GraspError, match=re.escape(error.value.message)):
+            grasp.reflex(**wrong)
     assert error.value.__notes__ == [f"remedy: {error.value.remedy}"]
+
+
+def test_wrong_arguments_of_a_detector_are_named(tmp_path: Path) -> None:
+    for wrong in ({"name": 5}, {"fingers": "x"}, {"fingers": -1}, {"taxels": 2.5}):
+        with pytest.raises(UsageError, match=f": {next(iter(wrong.values()))!r} is n"):
+            grasp.detector(**{"name": "energy", **wrong})
+    with pytest.raises(UsageError, match="detector: 5 is neither"):
+        grasp.replay(tmp_path / "fingertip.csv", detector=5)  # type: ignore[arg-type]
+
+
+def test_a_folder_for_runs_is_kept_even_if_its_name_is_empty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = grasp.lift(detector="energy", runs="").folder
+    assert [each.name for each in tmp_path.iterdir()] == [folder.name]
 
 
 def test_a_wrong_setting_is_named_by_the_argument_and_not_by_the_option() -> None:
