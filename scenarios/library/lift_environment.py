@@ -38,6 +38,8 @@ SPAN_COUNTS = 5  # from a finger's position to its target, at most; assumed
 REST_TRIES = 5  # of rest counts that may be unsteady by chance; assumed
 BRAKE_S = 0.2  # the arm is no faster than its distance from either end over this time
 DROP_REWARD = -100.0
+CHOICES = {"reflex": "True or False", "reward": "'sparse' or 'dense'",
+           "render_mode": "None or 'rgb_array'"}  # fmt: skip
 
 
 class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
@@ -53,8 +55,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
 
     Reward of a step: ``sparse``: 1 while the object is off the table and touched. ``dense``:
     0.5 min(1, g / 5 N) + 2 h / 0.25 m - 0.1 s, with g the true force of the thumb or of B and C
-    together, the smaller one; h the object's height; s the slip in mm since the step before. Both
-    are -100 where the object drops, which ends the episode. Examples.
+    together, the smaller one; h the object's height; s the slip in mm since the step before, if it
+    touched the object. Both are -100 where the object drops, which ends the episode. Examples.
 
     ``info`` alone has the truth of the simulation, as numbers: ``height_m``, ``slip_m``,
     ``touched`` (by a finger), ``held`` (off the table and touched), ``dropped``, ``peak_force_n``
@@ -87,12 +89,10 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
             self, object, reflex=reflex, detector=detector, reward=reward,
             render_mode=render_mode, runs=runs,
         )  # fmt: skip
-        if render_mode not in (None, "rgb_array"):
-            raise UsageError(f"render_mode: {render_mode!r}", 'give None or "rgb_array"')
+        self._options = {"object": object, "reflex": reflex, "detector": detector, "reward": reward}
+        _check({**self._options, "render_mode": render_mode, "runs": runs})
         self.render_mode = render_mode
         self._draw = None if render_mode is None else frame_drawer()
-        self._options = {"object": object, "reflex": reflex, "detector": detector, "reward": reward}
-        _check({**self._options, "runs": runs})
         self._configure(self._options)
         self._runs = None if runs is None else Path(runs)
         check_runs(self._runs)
@@ -106,10 +106,9 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         })  # fmt: skip
 
     def _configure(self, options: dict[str, Any]) -> None:
-        settings = (
-            "hand.activation_s=0.1", f"controller.reactions={str(options['reflex']).lower()}"
-        )  # fmt: skip
-        config = load_config(options["object"], "simulated", options["detector"], None, settings)
+        given = "hand.activation_s=0.1", f"controller.reactions={str(options['reflex']).lower()}"
+        name, detector = (options[key] and str(options[key]) for key in ("object", "detector"))
+        config = load_config(name, "simulated", detector, None, given)
         self._config, known = config.for_lift(), calibration(config)
         self._configured = options
         self._force_n = max(config.guard.force_limit_n, known.least_force_n)
@@ -125,7 +124,7 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
         if not isinstance(options, dict | None):
             raise UsageError(f"options: {options!r:.60} is no dict", 'give {"object": "ball"}')
         if unknown := sorted(map(str, (options or {}).keys() - self._options.keys())):
-            raise UsageError(f"options: unknown {unknown}", f"give some of {[*self._options]}")
+            raise UsageError(f"options: unknown {unknown}, known {[*self._options]}", "omit it")
         options = {**self._options, **(options or {})}
         _check(options)
         if options != self._configured:
@@ -171,9 +170,8 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
             for at, to in zip(gripper.positions, fingers, strict=True)
         )
         height_m = min(TOP_M, max(0.0, arm.position_m[2] - self._home_m))
-        speed_mps = max(
-            rise * s.lift_speed_mps, -height_m / BRAKE_S
-        )  # the ends are approached slowly
+        # the ends are approached slowly
+        speed_mps = max(rise * s.lift_speed_mps, -height_m / BRAKE_S)
         speed_mps = min(speed_mps, (TOP_M - height_m) / BRAKE_S)
         wanted = PolicyCommand(
             hand=MoveFingers((a, b, c), s.grip_speed_mps, self._force_n),
@@ -256,12 +254,9 @@ class LiftEnvironment(gymnasium.Env[dict[str, Floats], Floats], EzPickle):
 def _check(options: Mapping[str, Any]) -> None:
     """Raise UsageError for a value of a wrong type."""
     for name, value in options.items():
-        if name == "reflex":
-            if not isinstance(value, bool):
-                raise UsageError(f"reflex: {value!r}", "reflex must be true or false")
-        elif name == "reward":
-            if value not in ("sparse", "dense"):
-                raise UsageError(f"reward: {value!r}", 'reward must be "sparse" or "dense"')
+        if name in CHOICES:
+            if repr(value) not in CHOICES[name].split(" or "):
+                raise UsageError(f"{name}: {value!r} is not {CHOICES[name]}", "give one of them")
         elif not isinstance(value, str | Path) and (value is not None or name == "object"):
             raise UsageError(f"{name}: {value!r} is neither a name nor a path", "give a text")
 
@@ -269,7 +264,6 @@ def _check(options: Mapping[str, Any]) -> None:
 def _dense_reward(before: Truth, now: Truth) -> float:
     """See `LiftEnvironment`; the weights are assumed."""
     thumb_n, b_n, c_n = now.normal_n
-    slip_mm = 1e3 * (now.slip_distance_m - before.slip_distance_m)
-    return (
-        0.5 * min(1.0, min(thumb_n, b_n + c_n) / 5.0) + 2.0 * now.height_m / TOP_M - 0.1 * slip_mm
-    )
+    slip_mm = 1e3 * (now.slip_distance_m - before.slip_distance_m) if before.touched else 0.0
+    grip = min(1.0, min(thumb_n, b_n + c_n) / 5.0)
+    return 0.5 * grip + 2.0 * now.height_m / TOP_M - 0.1 * slip_mm
