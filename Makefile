@@ -12,7 +12,7 @@
 #                                        make test-ros      the ROS 2 node, with rclpy
 # make clean     remove what make made               make test-browser  pages, in a Chromium
 # make results   every measured figure: docs/results.md and studies/results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
-# make docs      the site, into build/site           make install-exports, -train, -cluster, -ros  extras
+# make docs      the site, into build/site           make install-exports, -gym, -train, -cluster, -ros  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -30,7 +30,7 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install -qq
 MADE := .venv/.made-in
 BASE := .venv/.installed-base
-EXTRAS := dev exports train cluster ros docs
+EXTRAS := dev exports gym train cluster ros docs
 PYTHON ?= python3.12 python3.11 python3.13 python3
 OBJECT ?= can
 
@@ -158,6 +158,7 @@ lock:
 	$(COMPILE) --generate-hashes --extra dev --group build pyproject.toml -o requirements/dev.txt
 	$(COMPILE) --generate-hashes --group build pyproject.toml -c requirements/dev.txt -o requirements/base.txt
 	$(COMPILE) --generate-hashes requirements/docs.in -c requirements/dev.txt -o requirements/docs.txt
+	$(COMPILE) --generate-hashes --extra gym --group build pyproject.toml -c requirements/dev.txt -o requirements/gym.txt
 	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
 	$(COMPILE) --generate-hashes --extra ros --extra exports --group build pyproject.toml -c requirements/dev.txt -o requirements/ros.txt
 	$(COMPILE) --generate-hashes --extra exports --group build pyproject.toml -c requirements/ros.txt -o requirements/exports.txt

@@ -1,6 +1,6 @@
 """Lift with a policy that does not notice slip, with the reflex and without it.
 
-It needs gymnasium: pip install 'grasp-controller[gym]'.
+It needs gymnasium: make install-gym, or elsewhere pip install 'grasp-controller[gym]'.
 """
 
 import gymnasium

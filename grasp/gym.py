@@ -4,7 +4,8 @@
 try:
     from gymnasium import register
 except ImportError:
-    raise ImportError("gymnasium is missing: pip install 'grasp-controller[gym]'") from None
+    text = "gymnasium is missing: make install-gym, or pip install 'grasp-controller[gym]'"
+    raise ImportError(text) from None
 
 register(
     "grasp/Lift-v0", "scenarios.library.lift_environment:LiftEnvironment", max_episode_steps=600

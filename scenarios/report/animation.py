@@ -68,7 +68,7 @@ def frame_drawer() -> Callable[[float, Floats, str], NDArray[np.uint8]]:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        remedy = "pip install 'grasp-controller[exports]'"
+        remedy = "make install-exports, or elsewhere pip install 'grasp-controller[exports]'"
         raise UsageError("pictures need matplotlib, which is not installed", remedy) from None
     canvas = FigureCanvasAgg(Figure(figsize=(2.8, 3.8), dpi=100, layout="constrained"))
     sketch = _sketch(canvas.figure.subplots())

@@ -44,7 +44,9 @@ def test_environment_follows_gymnasium() -> None:
 def test_missing_gymnasium_is_one_line_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     monkeypatch.delitem(sys.modules, "grasp.gym", raising=False)
-    with pytest.raises(ImportError, match=r"^gymnasium is missing: pip install .*\[gym\]'$"):
+    with pytest.raises(
+        ImportError, match=r"^gymnasium is missing: make install-gym, or .*\[gym\]'$"
+    ):
         __import__("grasp.gym")
 
 
