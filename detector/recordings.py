@@ -117,9 +117,9 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
         return int(self.counts.shape[2])
 
 
-def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
+def missed_samples(t_s: NDArray[np.float64], period_s: float = PERIOD_S) -> NDArray[np.intp]:
     """Missed samples between neighbours (n - 1,), from times (n,) in seconds."""
-    periods = np.diff(t_s) / PERIOD_S
+    periods = np.diff(t_s) / period_s
     lost = np.maximum(np.rint(periods).astype(np.intp) - 1, 1)
     return np.where(periods > GAP_PERIODS, lost, 0)
 

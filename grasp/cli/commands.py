@@ -242,7 +242,8 @@ class DatasetImportOptions(DatasetOptions, command="dataset import",
         How(either="times")] = ""
     rate: Annotated[float | None, "HZ", "of a file without times", decimal(1, 100_000, "Hz"),
         How(either="times")] = None
-    unit: Annotated[Literal["s", "ms", "us", "ns"], "of the times"] = "s"
+    unit: Annotated[Literal["s", "ms", "us", "ns"] | None,
+        "of the times (default: by the column's name, else s)"] = None
     columns: Annotated[str, "LIST", "pressures, finger by finger: names, numbers or ranges of "
         "numbers, with commas (default: all but time and label)"] = ""
     taxels: Annotated[int, "N", "of a fingertip", whole(1, 100)] = 6

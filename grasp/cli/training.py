@@ -95,7 +95,7 @@ def dataset_import(args: DatasetImportOptions) -> int:
     if args.labels and len(args.file) > 1:
         raise UsageError("--labels belongs to one FILE", "import one after the other")
     options = ImportOptions(
-        time_column=args.time_column, rate_hz=args.rate, unit=args.unit, columns=args.columns,
+        time_column=args.time_column, rate_hz=args.rate, unit=args.unit or "", columns=args.columns,
         taxels=args.taxels, sign=args.sign, scale=args.scale, rest_s=args.rest_seconds,
         labels=args.labels, resample=args.resample,
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Import of foreign tables: layouts of public data sets, stated changes, refusals."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -106,8 +106,9 @@ def test_labels_are_not_held_over_a_hole(tmp_path: Path) -> None:
     path = table(tmp_path, [f"time,{CHANNELS}", *rows(100, lambda t: f"{t},{values(t)}", 300)])
     labels = [row for k in range(60) if not 20 <= k < 40 for row in [f"{k / 20},1"]]
     options = ImportOptions(rest_s=0.4, labels=table(tmp_path, ["time,slip", *labels], "t.csv"))
-    with pytest.raises(BadFile, match="a gap of"):
+    with pytest.raises(BadFile, match=r"t\.csv: a gap of 0\.96 s before 2\.000 s") as caught:
         import_recording(path, options)
+    assert "each label is held for 0.1 s, twice the median interval" in caught.value.remedy
 
 
 def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
@@ -175,19 +176,66 @@ def test_up_to_five_lost_samples_in_a_row_are_left_out_and_counted(
         import_recording(table(tmp_path, lines), options)
 
 
+@pytest.mark.parametrize(
+    ("hz", "rows_lost", "lines"),
+    [
+        (100, (20, *range(60, 65)), ["lost samples: 6, whose rows are missing"]),
+        (50, (20, 21), ["lost samples: 2, whose rows are missing"]),
+        (500, range(60, 80), ["lost samples: 3, whose rows are missing"]),  # of 10 ms
+        (100, (), []),
+    ],
+)
+def test_rows_that_are_missing_are_counted_as_lost(
+    hz: int, rows_lost: Sequence[int], lines: list[str], tmp_path: Path
+) -> None:
+    whole = rows(hz, lambda t: f"{t},{values(t)}")
+    kept = [line for k, line in enumerate(whole) if k not in rows_lost]
+    options = ImportOptions(rest_s=0.02, resample=hz != 100)
+    _, changes = import_recording(table(tmp_path, [f"time,{CHANNELS}", *kept]), options)
+    assert [line for line in changes if line.startswith("lost")] == lines
+
+
+def test_a_column_that_is_not_chosen_is_named(tmp_path: Path) -> None:
+    lines = [f"time,{CHANNELS},sliding", *rows(100, lambda t: f"{t},{values(t)},1")]
+    made, changes = import_recording(table(tmp_path, lines), ImportOptions(columns="2-7"))
+    assert "columns left out: sliding" in changes and not made.labelled
+    assert "labels: none; a column of labels is named slip or label" in changes
+
+
+@pytest.mark.parametrize(
+    ("name", "per_s", "unit"),
+    [("ms", 1e3, "ms"), ("time_ms", 1e3, "ms"), ("Time [us]", 1e6, "us"), ("t_s", 1.0, "s")],
+)
+def test_the_name_of_a_time_column_states_its_unit(
+    name: str, per_s: float, unit: str, tmp_path: Path
+) -> None:
+    lines = [f"{name},{CHANNELS}", *rows(100, lambda t: f"{t * per_s},{values(t)}")]
+    truth = ["time,slip", *rows(20, lambda t: f"{t * per_s},{int(t >= 1)}", 40)]
+    options = ImportOptions(rest_s=0.4, labels=table(tmp_path, truth, "t.csv"))
+    made, changes = import_recording(table(tmp_path, lines), options)
+    assert made.t_s == pytest.approx(np.arange(200) / 100)
+    assert made.t_s[made.slip].min() == pytest.approx(1.0)
+    assert changes[0] == f"time: {name}, in {unit}, 0.0 subtracted"
+
+
 def test_a_table_without_any_whole_sample_is_refused(tmp_path: Path) -> None:
     lines = [f"{line};" for line in steps()]  # a nameless seventh channel
     with pytest.raises(BadFile, match="0 samples have a value in each channel"):
         import_recording(table(tmp_path, lines), ImportOptions(columns="2-8", taxels=7))
 
 
-def test_iso_time_stamps_are_read_and_others_name_the_rate(tmp_path: Path) -> None:
-    def stamp(t: float) -> str:
-        return f"2026-03-29T01:59:59.{round(t * 1e6):06d}+01:00"
-
-    made, changes = import_recording(table(tmp_path, steps(cell=stamp)), ImportOptions(rest_s=0.4))
+@pytest.mark.parametrize("stamp", ["2026-03-29T01:59:59.{}+01:00", "29.03.2026 01:59:59,{}"])
+def test_iso_and_german_time_stamps_are_read_and_have_no_unit(stamp: str, tmp_path: Path) -> None:
+    path = table(tmp_path, steps(cell=lambda t: stamp.format(f"{round(t * 1e6):06d}")))
+    made, changes = import_recording(path, ImportOptions(rest_s=0.4))
     assert made.t_s == pytest.approx(np.arange(100) / 100, abs=1e-6)
-    assert f"time: time, in ISO 8601, {stamp(0)} subtracted" in changes
+    assert f"time: time, in date and time, {stamp.format('000000')} subtracted" in changes
+    with pytest.raises(BadFile, match="which has no unit 'ms'") as caught:
+        import_recording(path, ImportOptions(unit="ms"))
+    assert caught.value.remedy == "leave --unit out"
+
+
+def test_other_time_stamps_name_the_rate(tmp_path: Path) -> None:
     path = table(tmp_path, steps(cell=lambda t: f"29.3. 10 Uhr {t}"))
     with pytest.raises(BadFile, match=r"time is '29\.3\. 10 Uhr 0\.0'") as caught:
         import_recording(path, ImportOptions())
