@@ -65,7 +65,7 @@ def _last_run() -> Path:
 def _replay_tactile(args: ReplayOptions, path: Path) -> int:
     import msgspec
 
-    from detector.recordings import read
+    from detector.recordings import files_of, read
     from detector.scores.evaluation import evaluate_recording
     from grasp.cli.detector import scores_text, warn
     from grasp.run.clock import stopwatch_ns
@@ -73,7 +73,10 @@ def _replay_tactile(args: ReplayOptions, path: Path) -> int:
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    recording = read(path, labelled=False)
+    if len(files := files_of(path)) > 1:
+        names = ", ".join(file.name for file in files)
+        raise UsageError(f"{path} has {len(files)} recordings", f"give one of them: {names}")
+    recording = read(files[0])
     warnings = warn(args, [recording])
     done = replay_tactile(config, recording)
     scores = None

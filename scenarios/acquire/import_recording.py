@@ -32,7 +32,7 @@ from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
 from grasp.settings import suggestion
 
 # Name of a time column, and its unit: `time`, `t_s`, `Time (ms)`, `us`
-TIME_NAME = re.compile(r"(?i)(?:t|time|timestamp|stamp)(?:[_ (\[]+(s|ms|us|ns)[)\]]?)?|(ms|us|ns)")
+TIME_NAME = re.compile(r"(?i)(?:t|time|timestamp|stamp)(?:[_ (\[]+([mun]?s)[)\]]?)?|([mun]s)")
 LABEL_NAMES = (LABEL, "label")
 NUMBER, RANGE = re.compile(r"[0-9]{1,6}"), re.compile(r"([0-9]{1,6})-([0-9]{1,6})")
 LOST = ("", "nan", "na", "n/a", "null", "none", "[]")  # cells of a lost sample, in lower case
@@ -98,12 +98,8 @@ class Table(msgspec.Struct, frozen=True, eq=False):
         ``allowed``."""
         for line, cell in zip(self.lines, self.columns[name], strict=True):
             if not _is_number(cell):
-                raise BadFile(
-                    self.source,
-                    f"{name} is {cell!r}",
-                    f"{allowed}; choose the columns with --time-column and --columns",
-                    line,
-                )
+                remedy = f"{allowed}; choose the columns with --time-column and --columns"
+                raise BadFile(self.source, f"{name} is {cell!r}", remedy, line)
         return np.array(self.columns[name], np.float64)
 
     def labels(self, name: str) -> NDArray[np.bool_]:
@@ -120,12 +116,9 @@ class Table(msgspec.Struct, frozen=True, eq=False):
         """Name of the time column. Raises BadFile if none is found."""
         known = list(filter(TIME_NAME.fullmatch, self.columns))
         if not given and not known:
-            shown = ", ".join(self.columns)
-            raise BadFile(
-                self.source,
-                f"no column is named as time; its columns are {shown}",
-                "name it with --time-column, or give --rate HZ for a file without times",
-            )
+            problem = f"no column is named as time; its columns are {', '.join(self.columns)}"
+            remedy = "name it with --time-column, or give --rate HZ for a file without times"
+            raise BadFile(self.source, problem, remedy)
         return self.find(given or known[0])
 
     def times(self, name: str, given: str, default: str = "s") -> tuple[str, Floats]:

@@ -141,7 +141,7 @@ def replay(
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
     config = load_config("can", "simulated", detector, None, _layer(settings))
-    recording = read(path, labelled=False)
+    recording = read(path)
     replayed = replay_tactile(config, recording)
     sheet = None
     if recording.labelled:

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from detector.recording_checks import suspicions
-from detector.recordings import read, read_dataset, write
+from detector.recordings import read, read_all, read_dataset, write
 from detector.text_table import MOST_BYTES
 from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import divided
 from scenarios.acquire.import_recording import ImportOptions, import_recording
-from scenarios.benchmark.data_sets import read_labelled
 
 REST = 430
 CHANNELS = ",".join(f"c{i}" for i in range(6))
@@ -119,9 +118,9 @@ def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Pa
     made, _ = import_recording(path, ImportOptions(rest_s=0.4, resample=True))
     assert made.counts[49:51, 0, 0].tolist() == [-30, -60]
     write(tmp_path / "own.npz", made)
-    assert not read(tmp_path / "own.npz", labelled=False).labelled
+    assert not read(tmp_path / "own.npz").labelled
     with pytest.raises(BadFile, match="has no label"):
-        read(tmp_path / "own.npz")
+        list(read_all([tmp_path / "own.npz"]))
 
 
 @pytest.mark.parametrize(
@@ -292,7 +291,7 @@ def test_imported_files_are_collected_and_divided_for_training(
     assert main(["dataset", "collect", str(own), "--out", str(tmp_path / "set")]) == 0
     assert len(read_dataset(tmp_path / "set", "train")) == 3
     assert divided(tmp_path / "set", said.append) == {} and len(said) == 1
-    assert len(read_labelled(own)) == 5
+    assert len(list(read_all([own]))) == 5
 
 
 def test_unlabelled_files_are_replayed_next(
