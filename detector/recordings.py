@@ -37,7 +37,7 @@ UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # of times, per second
 UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 IMPORT = "`grasp dataset import`"
 UNLABELLED = (
-    "leave out what has none, which only `grasp replay --tactile` and `grasp detector tune "
+    "move or leave out what has none, which only `grasp replay --tactile` and `grasp detector tune "
     f"--unlabelled` take; {IMPORT} --labels takes labels from a second file"
 )
 MOVED_M = 0.001  # a larger displacement has the label `moved`
@@ -212,7 +212,7 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     if not recordings:
         problem = f"no {split} recordings" if split else "no recordings"
         problem = problem if folder.is_dir() else "no such folder"
-        raise BadFile(folder, problem, "name a folder of `grasp dataset build`, or `collect`")
+        raise BadFile(folder, problem, "name one of `grasp dataset build`, `collect` or `import`")
     return recordings
 
 
@@ -372,10 +372,8 @@ def check_unit(
         raise BadFile(source, problem, f"{how} --unit s, ms, us or ns, whichever they are in")
     if period >= 1.0:  # of a rate of 2 to 1000 Hz
         unit = "ms" if period < 500.0 else "us" if period < 500e3 else "ns"
-        raise BadFile(
-            source, f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}",
-            f"{how} --unit {unit}",
-        )  # fmt: skip
+        problem = f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}"
+        raise BadFile(source, problem, f"{how} --unit {unit}")
 
 
 def check_rate(t_s: NDArray[np.float64], source: str) -> None:
@@ -384,11 +382,10 @@ def check_rate(t_s: NDArray[np.float64], source: str) -> None:
     period_s = float(np.median(np.diff(t_s)))
     measurable = len(t_s) >= RATE_SAMPLES and period_s > 0.0
     if measurable and not 1.0 / MAX_RATE_FACTOR < period_s / PERIOD_S < MAX_RATE_FACTOR:
-        raise BadFile(
-            source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
-            f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it ({IMPORT} --resample): detectors, "
-            "rules and delays count samples of 10 ms",
-        )  # fmt: skip
+        problem = f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz"
+        remedy = f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it ({IMPORT} --resample): "
+        remedy += "detectors, rules and delays count samples of 10 ms"
+        raise BadFile(source, problem, remedy)
 
 
 def check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:

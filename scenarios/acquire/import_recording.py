@@ -279,11 +279,9 @@ def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]
         return values * scale
     span = float(np.ptp(values, axis=0).max())
     if 0.0 < span < LEAST_SPAN and (values != np.rint(values)).any():
-        raise BadFile(
-            source, f"the pressures change by {span:.2g} at most, and whole counts would lose that",
-            "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 if "
-            "they are counts",
-        )  # fmt: skip
+        problem = f"the pressures change by {span:.2g} at most, and whole counts would lose that"
+        remedy = "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 for counts"
+        raise BadFile(source, problem, remedy)
     return values
 
 
@@ -351,11 +349,9 @@ def _aligned_labels(
     inside = (t_s >= known_s[0]) & (t_s < known_s[-1] + period_s)
     inside &= t_s < known_s[at] + 2.0 * period_s  # a label is not held over a hole
     if inside.sum() < 2:
-        raise BadFile(
-            path, f"labels from {known_s[0]:.12g} to {known_s[-1]:.12g} s do not overlap the "
-            f"samples from {t_s[0]:.12g} to {t_s[-1]:.12g} s",
-            "both need the same clock and the same unit",
-        )  # fmt: skip
+        problem = f"labels from {known_s[0]:.12g} to {known_s[-1]:.12g} s do not overlap the "
+        problem += f"samples from {t_s[0]:.12g} to {t_s[-1]:.12g} s"
+        raise BadFile(path, problem, "both need the same clock and the same unit")
     held = table.labels(label)[at]
     remedy = f"each label is held for {2.0 * period_s:.3g} s, twice the median interval: write "
     _missed(str(path), t_s[inside], f"{remedy}more labels there, or cut both files in two")

@@ -192,9 +192,8 @@ def _require_each_once(recordings: Sequence[Recording]) -> None:
     for one in recordings:
         other = first.setdefault(hashlib.sha256(one.counts.tobytes()).hexdigest(), one)
         if other is not one:
-            same = f"the same recording as {other.source}"
             twice = "given twice, by itself or in its folder"
-            same = twice if other.source == one.source else same
+            same = f"the same recording as {other.source}" if other.source != one.source else twice
             raise UsageError(f"{one.source} is {same}", "give each once")
 
 
@@ -220,8 +219,8 @@ def divided(folder: Path, report: Callable[[str], None]) -> dict[Split, list[Rec
     if len(paths) < MIN_RECORDINGS:
         problem = f"{len(paths)} recordings are too few to divide"
         raise BadFile(folder, problem, f"import at least {MIN_RECORDINGS}")
-    report(f"{folder}: of each five imports three are for training, one for validation; `grasp "
-           "dataset collect` keeps that division in a data set")  # fmt: skip
+    report(f"{folder}: of each five imports three are for training, one for validation; "
+           "`evaluate` scores all, unless `grasp dataset collect` keeps the division")  # fmt: skip
     found: dict[Split, list[Recording]] = {split: [] for split in SPLIT_CYCLE}
     for each, split in zip(recordings, assign_splits([UNKNOWN] * len(paths)), strict=True):
         found[split].append(each)

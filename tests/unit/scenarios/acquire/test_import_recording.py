@@ -277,7 +277,7 @@ def test_imported_files_are_collected_and_divided_for_training(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for number in range(5):
-        lines = rows(100, lambda t: f"{t},{values(t)},{int(t > 1)}", 200 + number)
+        lines = rows(100, lambda t: f"{t},{values(t)},{int(t > 1.5)}", 200 + number)
         table(tmp_path, [f"time,{CHANNELS},slip", *lines], f"{number}.csv")
     own = tmp_path / "own"
     files = [str(tmp_path / f"{number}.csv") for number in range(5)]
@@ -292,6 +292,41 @@ def test_imported_files_are_collected_and_divided_for_training(
     assert len(read_dataset(tmp_path / "set", "train")) == 3
     assert divided(tmp_path / "set", said.append) == {} and len(said) == 1
     assert len(list(read_all([own]))) == 5
+    tune = ["detector", "tune", "energy", "--data", str(own), "--budget", "6000"]
+    assert main(tune) == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["dataset collect FOLDER --out new", "detector evaluate energy --data FOLDER",
+     "detector evaluate energy --recording FOLDER", "detector tune energy --data FOLDER"],
+)  # fmt: skip
+def test_all_imports_without_a_label_are_named(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, labelled in {"a": True, "b": False, "c": True, "d": True, "e": False}.items():
+        lines = rows(100, lambda t: f"{t},{values(t)}" + ",1" * labelled)  # noqa: B023
+        path = table(tmp_path, [f"time,{CHANNELS}" + ",slip" * labelled, *lines], f"{name}.csv")
+        write(tmp_path / f"{name}.npz", import_recording(path, ImportOptions(rest_s=0.4))[0])
+    assert main(command.replace("FOLDER", str(tmp_path)).split()) == 2
+    error = capsys.readouterr().err
+    assert f"{tmp_path / 'b.npz'}: has no label `slip`, nor e.npz (move or leave out" in error
+
+
+def test_the_folder_of_one_import_is_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"time,{CHANNELS},slip", *rows(100, lambda t: f"{t},{values(t)},{int(t > 1)}")]
+    made, _ = import_recording(table(tmp_path, lines), ImportOptions(rest_s=0.4))
+    for name in ("a.npz", "b.npz"):
+        write(tmp_path / name, made)
+        codes = [
+            main(["detector", "evaluate", "energy", "--recording", str(tmp_path)]),
+            main(["replay", "--detector", "energy", "--tactile", str(tmp_path)]),
+        ]
+        assert codes == [0, 0 if name == "a.npz" else 2]
+    error = capsys.readouterr().err
+    assert f"{tmp_path} has 2 recordings (give one of them: a.npz, b.npz)" in error
 
 
 def test_unlabelled_files_are_replayed_next(
