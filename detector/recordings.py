@@ -6,7 +6,9 @@ of one fingertip can be read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_t
 
 import math
 import os
+from collections.abc import Iterable, Iterator
 from io import BytesIO
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import ZipFile
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.text_table import MOST_BYTES, TextTable, as_bad_file, read_table, require_file
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 
 GAP_PERIODS = 1.5  # a longer time between two samples means that samples were missed
@@ -35,8 +37,8 @@ UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # of times, per second
 UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 IMPORT = "`grasp dataset import`"
 UNLABELLED = (
-    f"only `grasp replay --tactile` and `grasp detector tune --unlabelled` need none; {IMPORT} "
-    "--labels takes them from a second file"
+    "move or leave out what has none, which only `grasp replay --tactile` and `grasp detector tune "
+    f"--unlabelled` take; {IMPORT} --labels takes labels from a second file"
 )
 MOVED_M = 0.001  # a larger displacement has the label `moved`
 
@@ -117,19 +119,18 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
         return int(self.counts.shape[2])
 
 
-def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
+def missed_samples(t_s: NDArray[np.float64], period_s: float = PERIOD_S) -> NDArray[np.intp]:
     """Missed samples between neighbours (n - 1,), from times (n,) in seconds."""
-    periods = np.diff(t_s) / PERIOD_S
+    periods = np.diff(t_s) / period_s
     lost = np.maximum(np.rint(periods).astype(np.intp) - 1, 1)
     return np.where(periods > GAP_PERIODS, lost, 0)
 
 
-def read(path: Path | str, labelled: bool = True) -> Recording:
-    """Read a recording, ``.npz`` or CSV by its suffix. Raises BadFile. With ``labelled`` False, it
-    may lack the label, which is then static throughout."""
+def read(path: Path | str) -> Recording:
+    """Read a recording, ``.npz`` or CSV by its suffix, labelled or not. Raises BadFile."""
     path = Path(path)
     require_file(path)
-    return _read_npz(path, labelled) if path.suffix == SUFFIX else read_csv(path, labelled)
+    return _read_npz(path) if path.suffix == SUFFIX else read_csv(path)
 
 
 def write(path: Path | str, recording: Recording) -> None:
@@ -167,21 +168,51 @@ def files_in(folder: Path) -> list[Path]:
     return sorted(folder.glob(SAMPLES)) or sorted(folder.glob(RECORDINGS))
 
 
+def files_of(source: Path) -> list[Path]:
+    """The file itself, or the files of ``files_in``. Raises BadFile, and UsageError for the
+    recording of a run and a folder without files."""
+    if not source.exists():
+        raise BadFile(source, "no such file or folder", "check the path")
+    if source.suffix == ".mcap":
+        raise UsageError(f"{source} is the recording of a run, not of a fingertip",
+                         "`grasp run acquire` writes labelled samples beside it")  # fmt: skip
+    if not (found := files_in(source) if source.is_dir() else [source]):
+        raise UsageError(f"{source} has no recordings of a fingertip", "give a file, or a folder "
+                         f"of `grasp run acquire` or {IMPORT}")  # fmt: skip
+    return found
+
+
+def read_all(sources: Iterable[Path]) -> Iterator[Recording]:
+    """Read all labelled recordings of ``files_of`` these sources. Raises BadFile, after the last
+    one with the names of all that have no label."""
+    lacking = []
+    for path in chain.from_iterable(map(files_of, sources)):
+        recording = read(path)
+        if recording.labelled:
+            yield recording
+        else:
+            lacking.append(path)
+    if lacking:
+        more = f", nor {', '.join(path.name for path in lacking[1:])}" * (len(lacking) > 1)
+        raise BadFile(lacking[0], f"has no label `{LABEL}`{more}", UNLABELLED)
+
+
 def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
     """All ``.npz`` recordings under a folder, sorted by path; with ``split`` only those of it.
     Raises BadFile for the first damaged file, and for a folder without recordings."""
     folder = Path(folder)
     recordings = []
-    for path in sorted(folder.rglob(RECORDINGS)):
-        recording = read(path)
+    for recording in read_all(sorted(folder.rglob(RECORDINGS))):
         if split is not None and recording.metadata is None:
-            raise BadFile(path, "belongs to no split", "`grasp dataset collect` gives it one")
+            raise BadFile(
+                recording.source, "belongs to no split", "`grasp dataset collect` gives it one"
+            )
         if split is None or (recording.metadata and recording.metadata.split == split):
             recordings.append(recording)
     if not recordings:
         problem = f"no {split} recordings" if split else "no recordings"
         problem = problem if folder.is_dir() else "no such folder"
-        raise BadFile(folder, problem, "name a folder of `grasp dataset build`, or `collect`")
+        raise BadFile(folder, problem, "name one of `grasp dataset build`, `collect` or `import`")
     return recordings
 
 
@@ -205,7 +236,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 }
 
 
-def _read_npz(path: Path, labelled: bool) -> Recording:
+def _read_npz(path: Path) -> Recording:
     source = str(path)
     remedy = "copy or build the file again"
     with as_bad_file(path, remedy):
@@ -220,8 +251,6 @@ def _read_npz(path: Path, labelled: bool) -> Recording:
     if unknown:
         raise BadFile(source, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md")
     _check_arrays(stored, source)
-    if labelled and LABEL not in stored:
-        raise BadFile(source, f"has no label `{LABEL}`", UNLABELLED)
     return _read_only(stored, source, header.metadata)
 
 
@@ -272,16 +301,15 @@ def _check_arrays(arrays: dict[str, Any], source: str) -> None:
     check_times(arrays["t_s"], None, source)
 
 
-def read_csv(path: Path | str, labelled: bool = True) -> Recording:
-    """Read a recording of one fingertip. Raises BadFile for the first error. With ``labelled``
-    False, the label may be missing and is then static throughout."""
+def read_csv(path: Path | str) -> Recording:
+    """Read a recording of one fingertip. Raises BadFile for the first error."""
     text = read_table(Path(path))
     source, lines = text.source, text.lines[1:]
     if comma := text.decimal_comma():
         problem = f"{comma[0]!r} has a comma as the decimal sign"
         remedy = f"write numbers with a decimal point, or {IMPORT} reads them"
         raise BadFile(source, problem, remedy, comma[1])
-    columns = _columns(text, labelled)
+    columns = _columns(text)
     if len(lines) < 2:
         raise BadFile(source, f"{len(lines)} samples", "at least 2 are needed")
     table = {
@@ -297,7 +325,7 @@ def read_csv(path: Path | str, labelled: bool = True) -> Recording:
     return _read_only(arrays, source)
 
 
-def _columns(text: TextTable, labelled: bool) -> tuple[str, ...]:
+def _columns(text: TextTable) -> tuple[str, ...]:
     def names(taxels: int) -> tuple[str, ...]:
         return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
 
@@ -307,10 +335,8 @@ def _columns(text: TextTable, labelled: bool) -> tuple[str, ...]:
         raise BadFile(text.source, "empty", remedy)
     columns = tuple(text.rows[0])
     taxels = sum(name.startswith("p") for name in columns)
-    known = [names(taxels), (*names(taxels), OPTIONAL)] + [names(taxels)[:-1]] * (not labelled)
+    known = [names(taxels), (*names(taxels), OPTIONAL), names(taxels)[:-1]]
     if taxels == 0 or columns not in known:
-        if columns == names(taxels)[:-1]:
-            raise BadFile(text.source, f"has no label `{LABEL}`", UNLABELLED, 1)
         remedy = f"{remedy}, or {IMPORT} brings other layouts into this format"
         raise BadFile(text.source, f"columns are {','.join(columns)}", remedy, text.lines[0])
     return columns
@@ -346,10 +372,8 @@ def check_unit(
         raise BadFile(source, problem, f"{how} --unit s, ms, us or ns, whichever they are in")
     if period >= 1.0:  # of a rate of 2 to 1000 Hz
         unit = "ms" if period < 500.0 else "us" if period < 500e3 else "ns"
-        raise BadFile(
-            source, f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}",
-            f"{how} --unit {unit}",
-        )  # fmt: skip
+        problem = f"timestamps look like {UNIT_NAMES[unit]}: the median interval is {period:g}"
+        raise BadFile(source, problem, f"{how} --unit {unit}")
 
 
 def check_rate(t_s: NDArray[np.float64], source: str) -> None:
@@ -358,11 +382,10 @@ def check_rate(t_s: NDArray[np.float64], source: str) -> None:
     period_s = float(np.median(np.diff(t_s)))
     measurable = len(t_s) >= RATE_SAMPLES and period_s > 0.0
     if measurable and not 1.0 / MAX_RATE_FACTOR < period_s / PERIOD_S < MAX_RATE_FACTOR:
-        raise BadFile(
-            source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
-            f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it ({IMPORT} --resample): detectors, "
-            "rules and delays count samples of 10 ms",
-        )  # fmt: skip
+        problem = f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz"
+        remedy = f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it ({IMPORT} --resample): "
+        remedy += "detectors, rules and delays count samples of 10 ms"
+        raise BadFile(source, problem, remedy)
 
 
 def check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:

@@ -140,9 +140,9 @@ def _check_settings(args: BenchmarkOptions) -> None:
 
 def _real(paths: Sequence[Path]) -> dict[str, list[Recording]]:
     """Labelled recordings by the name of their file. Raises BadFile and UsageError."""
-    from scenarios.benchmark.data_sets import read_labelled
+    from detector.recordings import read_all
 
-    found = {path.name: read_labelled(path) for path in paths}
+    found = {path.name: list(read_all([path])) for path in paths}
     if len(found) < len(paths):
         raise UsageError("two recordings have the same file name", "rename one of them")
     return found

@@ -37,9 +37,9 @@ Network = Literal["tcn", "tcn-pair", "gru", "tcn-paper", "freq-cnn-paper"]
 Pace = Literal["real", "max"]
 RUN_HELP = (
     "folder of a run, its name as `grasp runs` lists it, or its recording.mcap (default: the last "
-    "run in the folder runs)"
+    "lift or tap in the folder runs)"
 )
-LABELLED = "folders of `grasp dataset build` or `collect`"
+LABELLED = "folders of `grasp dataset build`, `collect` or `import`"
 TRY, MEASURE = "try", "measure"  # sections of the help
 
 
@@ -151,7 +151,7 @@ class ReplayOptions(SettingsJson, command="replay", section=TRY,
     run: Annotated[Path | None, "RUN", RUN_HELP, ARGUMENT] = None
     check: Annotated[bool, "exit 1 if any event or command differs from the recording"] = False
     tactile: Annotated[Path | None, "PATH",
-        "a fingertip recording (.npz or .csv) instead of a run"] = None
+        "a fingertip recording (.npz, .csv, or a folder of one) instead of a run"] = None
     detector: Annotated[str | None, "NAME", "with --tactile: a detector's name or path (default: "
         "that of profile default); with a RUN: the present path of its detector file"] = None
 
@@ -242,7 +242,8 @@ class DatasetImportOptions(DatasetOptions, command="dataset import",
         How(either="times")] = ""
     rate: Annotated[float | None, "HZ", "of a file without times", decimal(1, 100_000, "Hz"),
         How(either="times")] = None
-    unit: Annotated[Literal["s", "ms", "us", "ns"], "of the times"] = "s"
+    unit: Annotated[Literal["s", "ms", "us", "ns"] | None,
+        "of the times (default: by the column's name, else s)"] = None
     columns: Annotated[str, "LIST", "pressures, finger by finger: names, numbers or ranges of "
         "numbers, with commas (default: all but time and label)"] = ""
     taxels: Annotated[int, "N", "of a fingertip", whole(1, 100)] = 6
@@ -262,8 +263,8 @@ class EvaluateOptions(SettingsJson, command="detector evaluate",
               "grasp detector evaluate mine.onnx mine.py:Vibration --data sets/paper")):
     detector: Annotated[Sequence[str], "NAME", "one or more of config/detectors, or your files",
         ARGUMENT]
-    recording: Annotated[Path | None, "RUN|FILE", "folder of `grasp run acquire`, .npz, or CSV "
-        "with t_s,p0,p1,...,slip[,slip_true]", SOURCE] = None
+    recording: Annotated[Path | None, "RUN|FILE", "folder of `run acquire` or `dataset import`, "
+        ".npz, or CSV with t_s,p0,p1,...,slip[,slip_true]", SOURCE] = None
     data: Annotated[Sequence[Path], "DIR", LABELLED, SOURCE] = ()
     split: Annotated[Literal["train", "validation", "test", "all"],
         "with --data: the split to score"] = "test"

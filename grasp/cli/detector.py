@@ -14,7 +14,7 @@ from detector.decision import RuleSettings
 from detector.loading import DETECTORS, FORMULAS, NETWORK
 from detector.plugins import is_plugin
 from detector.recording_checks import suspicions
-from detector.recordings import Recording
+from detector.recordings import Recording, read_all
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -62,7 +62,6 @@ OF_CARD = {
 
 
 def detector_evaluate(args: EvaluateOptions) -> int:
-    from scenarios.benchmark.data_sets import read_labelled
     from scenarios.benchmark.score_file import BEGINS
     from scenarios.benchmark.scoring import contender, read_split
     from scenarios.benchmark.slips import evaluated
@@ -72,7 +71,7 @@ def detector_evaluate(args: EvaluateOptions) -> int:
     check_named(args.detector, args.config, args.set)
     warnings: list[str] = []
     if args.recording is not None:
-        data, recordings = str(args.recording), read_labelled(args.recording)
+        data, recordings = str(args.recording), list(read_all([args.recording]))
         warnings = warn(args, recordings)
     else:
         data = f"{' '.join(folder.name for folder in args.data)}, {args.split}"

@@ -15,6 +15,7 @@ from grasp.files import is_stream, write_whole
 SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
+REPORTED = "give the folder of a lift, a tap or a benchmark, a campaign's .sqlite or scores' .json"
 FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICTURES, "svg")}
 FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folders: their package
 
@@ -51,12 +52,13 @@ def replay(args: ReplayOptions) -> int:
 
 
 def _last_run() -> Path:
-    """Folder of the newest recording in the default folder, which it prints. Raises UsageError if
+    """Folder of the newest lift or tap in the default folder, which it prints. Raises UsageError if
     there is none."""
+    from detector.recordings import files_in
     from scenarios.trial.run_folder import RECORDING, RUNS, newest
 
-    if not (recordings := newest(RECORDING)):
-        raise UsageError(f"no RUN given, and no recording in the folder {RUNS}",
+    if not (recordings := [run for run in newest(RECORDING) if not files_in(run)]):
+        raise UsageError(f"no RUN given, and no lift or tap in the folder {RUNS}",
                          "give the path of a RUN, or record one: `grasp run lift`")  # fmt: skip
     print_status(f"last run: {one_line(recordings[0])}")
     return recordings[0]
@@ -65,21 +67,18 @@ def _last_run() -> Path:
 def _replay_tactile(args: ReplayOptions, path: Path) -> int:
     import msgspec
 
-    from detector.recordings import read
-    from detector.scores.evaluation import evaluate_recording
+    from detector.recordings import files_of, read
     from grasp.cli.detector import scores_text, warn
-    from grasp.run.clock import stopwatch_ns
     from scenarios.campaign.config import load_config
-    from scenarios.trial.replay_tactile import replay_tactile
+    from scenarios.trial.replay_tactile import replay_tactile, score
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    recording = read(path, labelled=False)
+    if len(files := files_of(path)) > 1:
+        names = ", ".join(file.name for file in files)
+        raise UsageError(f"{path} has {len(files)} recordings", f"give one of them: {names}")
+    recording = read(files[0])
     warnings = warn(args, [recording])
-    done = replay_tactile(config, recording)
-    scores = None
-    if recording.labelled:
-        detector = config.make_detector(recording.fingers, recording.taxels)
-        scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
+    done, scores = replay_tactile(config, recording), score(config, recording)
 
     def text() -> str:  # labels, registered events and commands on one time line, then the score
         slip = recording.slip
@@ -91,8 +90,8 @@ def _replay_tactile(args: ReplayOptions, path: Path) -> int:
         ]  # fmt: skip
         lines.sort(key=lambda line: line[0])
         shown = [f"{t_s:8.3f} s  {what}" for t_s, what in lines]
-        score = scores_text(scores, config.rule) if scores else "no label `slip`: no score"
-        return "\n".join([*shown, score])
+        last = scores_text(scores, config.rule) if scores else "no label `slip`: no score"
+        return "\n".join([*shown, last])
 
     value = {**msgspec.to_builtins(done), "evaluation": scores, "warnings": warnings}
     return show(args, value, text)
@@ -141,10 +140,13 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     from scenarios.report.campaign_page import campaign_page
     from scenarios.report.page import BEGINS
     from scenarios.report.run_page import page_path, run_page
+    from scenarios.trial.run_folder import find_recording
 
     if (found := run / "benchmark.json").is_file():
         run = found
     database, evaluation = is_database(run), run.suffix == ".json"
+    if not (database or evaluation or find_recording(run).exists()):
+        raise BadFile(run, "no recording of a run, campaign, score file or benchmark", REPORTED)
     path = out or (run.with_suffix(".html") if database or evaluation else page_path(run))
     check_writable(path, BEGINS)
     if database:

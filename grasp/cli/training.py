@@ -26,7 +26,7 @@ from grasp.cli.output import progress, show
 from grasp.run import signals
 from grasp.settings import file_of
 from scenarios.acquire.import_recording import ImportOptions, import_recording
-from scenarios.benchmark.data_sets import require_labelled, require_whole
+from scenarios.benchmark.data_sets import read_set, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
 from scenarios.trial.run_folder import RUNS
@@ -78,8 +78,6 @@ def dataset_build(args: DatasetBuildOptions) -> int:
 def dataset_collect(args: DatasetCollectOptions) -> int:
     from scenarios.acquire.datasets import build
 
-    for source in args.source:
-        require_labelled(source)
     made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking, "warnings": warn(args, made.recordings)}
@@ -95,7 +93,7 @@ def dataset_import(args: DatasetImportOptions) -> int:
     if args.labels and len(args.file) > 1:
         raise UsageError("--labels belongs to one FILE", "import one after the other")
     options = ImportOptions(
-        time_column=args.time_column, rate_hz=args.rate, unit=args.unit, columns=args.columns,
+        time_column=args.time_column, rate_hz=args.rate, unit=args.unit or "", columns=args.columns,
         taxels=args.taxels, sign=args.sign, scale=args.scale, rest_s=args.rest_seconds,
         labels=args.labels, resample=args.resample,
     )  # fmt: skip
@@ -178,18 +176,15 @@ def _check_files(args: TrainOptions, out: Path, checkpoint: Path) -> None:
 
 def _prepare(args: TrainOptions) -> "tuple[Training, list[Recording]]":
     require_whole(args.data)  # before torch, which takes seconds
-    from detector.recordings import read_dataset
     from detector.training.fit import Training
     from detector.training.sequences import digest
     from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
-    from scenarios.acquire.datasets.build import divided
 
     learnt: list[Recording] = []
     validation: list[Recording] = []
     for folder in args.data:
-        own = divided(folder, exits.print_detail)
-        learnt += own["train"] if own else read_dataset(folder, "train")
-        validation += own["validation"] if own else read_dataset(folder, "validation")
+        learnt += read_set(folder, "train", exits.print_detail)
+        validation += read_set(folder, "validation")
     given = {name: getattr(args, name) for name in SETTINGS if getattr(args, name) is not None}
     if args.windows:
         given = WINDOWS | given

@@ -24,17 +24,20 @@ from detector.recordings import (
     Recording,
     check_rate,
     check_unit,
+    missed_samples,
 )
 from detector.text_table import DECIMAL_COMMA, read_table
 from drivers.errors import BadFile
 from drivers.interfaces import FINGERS, KIT_TAXELS, PERIOD_S
 from grasp.settings import suggestion
 
-TIME_NAMES = ("t_s", "t", "time", "timestamp", "stamp")  # of a time column that is not named
+# Name of a time column, and its unit: `time`, `t_s`, `Time (ms)`, `us`
+TIME_NAME = re.compile(r"(?i)(?:t|time|timestamp|stamp)(?:[_ (\[]+([mun]?s)[)\]]?)?|([mun]s)")
 LABEL_NAMES = (LABEL, "label")
 NUMBER, RANGE = re.compile(r"[0-9]{1,6}"), re.compile(r"([0-9]{1,6})-([0-9]{1,6})")
 LOST = ("", "nan", "na", "n/a", "null", "none", "[]")  # cells of a lost sample, in lower case
-ISO = "ISO 8601"
+STAMPS = "date and time"
+GERMAN_DATE = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4})")
 TIME = "it must be a number or a stamp as 2026-01-31T10:15:00.010; without times give --rate HZ"
 LEAST_SPAN = 20.0  # of pressures that are no whole numbers, in counts: less is lost by rounding
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
@@ -46,7 +49,7 @@ class ImportOptions(msgspec.Struct, frozen=True, kw_only=True):
 
     time_column: str = ""
     rate_hz: float | None = None  # of a file without times
-    unit: str = "s"
+    unit: str = ""  # by the name of the time column, else seconds
     columns: str = ""  # of pressures: names, numbers from 1, or ranges of numbers
     taxels: int = KIT_TAXELS  # of a fingertip
     sign: Literal["negative", "positive"] = "negative"  # of a press, in the file
@@ -95,12 +98,8 @@ class Table(msgspec.Struct, frozen=True, eq=False):
         ``allowed``."""
         for line, cell in zip(self.lines, self.columns[name], strict=True):
             if not _is_number(cell):
-                raise BadFile(
-                    self.source,
-                    f"{name} is {cell!r}",
-                    f"{allowed}; choose the columns with --time-column and --columns",
-                    line,
-                )
+                remedy = f"{allowed}; choose the columns with --time-column and --columns"
+                raise BadFile(self.source, f"{name} is {cell!r}", remedy, line)
         return np.array(self.columns[name], np.float64)
 
     def labels(self, name: str) -> NDArray[np.bool_]:
@@ -115,23 +114,25 @@ class Table(msgspec.Struct, frozen=True, eq=False):
 
     def time_column(self, given: str) -> str:
         """Name of the time column. Raises BadFile if none is found."""
-        known = list(filter(_is_time, self.columns))
+        known = list(filter(TIME_NAME.fullmatch, self.columns))
         if not given and not known:
-            shown = ", ".join(self.columns)
-            raise BadFile(
-                self.source,
-                f"no column is named as time; its columns are {shown}",
-                "name it with --time-column, or give --rate HZ for a file without times",
-            )
+            problem = f"no column is named as time; its columns are {', '.join(self.columns)}"
+            remedy = "name it with --time-column, or give --rate HZ for a file without times"
+            raise BadFile(self.source, problem, remedy)
         return self.find(given or known[0])
 
-    def times(self, name: str, unit: str) -> tuple[str, Floats]:
+    def times(self, name: str, given: str, default: str = "s") -> tuple[str, Floats]:
         """Unit and times (n,), s, of a column of numbers or of time stamps. Raises BadFile where
-        they do not increase."""
+        they do not increase, and for time stamps with a given unit."""
         if _stamp_s(self.columns[name][0]) is None:
+            named = TIME_NAME.fullmatch(name.lower())
+            unit = given or (named and (named[1] or named[2])) or default
             t_s = self.numbers(name, TIME) / UNITS.get(unit, 1.0)
+        elif given:
+            problem = f"{name} is {self.columns[name][0]!r}, which has no unit {given!r}"
+            raise BadFile(self.source, problem, "leave --unit out", self.lines[0])
         else:
-            unit, stamps = ISO, [_stamp_s(cell) for cell in self.columns[name]]
+            unit, stamps = STAMPS, [_stamp_s(cell) for cell in self.columns[name]]
             if None in stamps:
                 at = stamps.index(None)
                 raise BadFile(self.source, f"{name} is {self.columns[name][at]!r}",
@@ -190,35 +191,31 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     changes = ["numbers: decimal commas read as points"] if table.decimal_commas else []
     time = "" if options.rate_hz else table.time_column(options.time_column)
     label = next((n for n in table.columns if n.lower() in LABEL_NAMES), "")
-    others = [time, label] if time else [label, *(n for n in table.columns if _is_time(n))]
+    others = [time, label] if time else [label, *filter(TIME_NAME.fullmatch, table.columns)]
     names = _chosen(table, options.columns) or [n for n in table.columns if n not in others]
     fingers = _fingers(table.source, names, options.taxels)
     if (lost := table.lost(names)).any():
         table = table.without(lost)
         changes.append(f"lost samples: {lost.sum()}, which lack a value; left out")
-    if options.rate_hz is None:
-        unit, times_s = table.times(time, options.unit)
-        _check_unit(times_s, unit, table.source)
-        changes.append(f"time: {time}, in {unit}, {table.columns[time][0]} subtracted")
-        t_s = times_s - times_s[0]
-    else:
-        times_s = t_s = np.flatnonzero(~lost) / options.rate_hz
-        changes.append(f"time: made from {options.rate_hz:g} Hz")
+    unit, times_s = _times(table, time, options, np.flatnonzero(~lost), changes)
+    t_s = times_s - times_s[0]
     for i in range(fingers):
         part = names[i * options.taxels : (i + 1) * options.taxels]
         changes.append(f"finger {'ABC'[i]}: {', '.join(part)} -> p0 to p{options.taxels - 1}")
+    if left_out := [name for name in table.columns if name not in (time, label, *names)]:
+        changes.append(f"columns left out: {', '.join(left_out)}")
     values = np.column_stack([table.numbers(name) for name in names])
     values = _scaled(table.source, values, options.scale, changes)
     slip = None
     if options.labels is not None:
-        slip, inside, how = _aligned_labels(options.labels, options.unit, times_s)
+        slip, inside, how = _aligned_labels(options.labels, unit, times_s)
         t_s, values, slip = t_s[inside], values[inside], slip[inside]
         changes.append(how)
     elif label:
         slip = table.labels(label)
         changes.append(f"labels: {label}")
     else:
-        changes.append("labels: none")
+        changes.append(f"labels: none; a column of labels is named {' or '.join(LABEL_NAMES)}")
     if options.sign == "positive":
         values = -values
         changes.append("sign: inverted, so that pressing lowers the counts")
@@ -244,6 +241,24 @@ def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, lis
     return made, changes
 
 
+def _times(
+    table: Table, name: str, options: ImportOptions, rows: NDArray[np.intp], changes: list[str]
+) -> tuple[str, Floats]:
+    """Unit and times (n,), s, of these rows of the file. Raises BadFile for a gap."""
+    if options.rate_hz is None:
+        unit, times_s = table.times(name, options.unit)
+        _check_unit(times_s, unit, table.source)
+        changes.append(f"time: {name}, in {unit}, {table.columns[name][0]} subtracted")
+    else:
+        unit, times_s = options.unit, rows / options.rate_hz
+        changes.append(f"time: made from {options.rate_hz:g} Hz")
+    missed = _missed(table.source, times_s - times_s[0], f"at most {MAX_MISSED} samples in a row "
+                     "may be missing: cut the file in two here")  # fmt: skip
+    if (missing := (missed + 1 - np.diff(rows)).clip(0)).any():
+        changes.append(f"lost samples: {missing.sum()}, whose rows are missing")
+    return unit, times_s
+
+
 def _rest(source: str, t_s: Floats, values: Floats, rest_s: float, changes: list[str]) -> Floats:
     """Median (channels,) of the first seconds. Raises BadFile if there are not so many."""
     if rest_s > (length_s := float(t_s[-1] - t_s[0])):
@@ -264,17 +279,15 @@ def _scaled(source: str, values: Floats, scale: float | None, changes: list[str]
         return values * scale
     span = float(np.ptp(values, axis=0).max())
     if 0.0 < span < LEAST_SPAN and (values != np.rint(values)).any():
-        raise BadFile(
-            source, f"the pressures change by {span:.2g} at most, and whole counts would lose that",
-            "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 if "
-            "they are counts",
-        )  # fmt: skip
+        problem = f"the pressures change by {span:.2g} at most, and whole counts would lose that"
+        remedy = "give --scale N, counts per unit: 8 for kPa of the kit's barometers, 1 for counts"
+        raise BadFile(source, problem, remedy)
     return values
 
 
 def _check_unit(t_s: Floats, unit: str, source: str) -> None:
     """Raise BadFile, with the file's unit, where the given one is wrong."""
-    if unit == ISO:
+    if unit == STAMPS:
         return
     try:
         check_unit(t_s, source, "give")
@@ -287,14 +300,8 @@ def _at_100_hz(
     table: Table, options: ImportOptions, t_s: Floats, values: Floats,
     slip: NDArray[np.bool_] | None, changes: list[str],
 ) -> tuple[Floats, Floats, NDArray[np.bool_] | None]:  # fmt: skip
-    """Samples at 100 Hz. Raises BadFile for a gap, and for another rate without --resample."""
+    """Samples at 100 Hz. Raises BadFile for another rate without --resample."""
     period_s = float(np.median(np.diff(t_s)))
-    gap_s = (MAX_MISSED + GAP_PERIODS) * max(period_s, PERIOD_S)
-    if (steps := np.diff(t_s)).max() >= gap_s:
-        at = int(steps.argmax()) + 1
-        raise BadFile(table.source, f"a gap of {steps.max():.3g} s before {t_s[at]:.3f} s",
-                      f"at most {MAX_MISSED} samples in a row may be missing: cut the file in two "
-                      "here")  # fmt: skip
     if not options.resample:
         check_rate(t_s, table.source)
         return t_s, values, slip
@@ -318,26 +325,36 @@ def _at_100_hz(
     return grid_s, values, slip
 
 
+def _missed(source: str, t_s: Floats, remedy: str) -> NDArray[np.intp]:
+    """Missed samples between neighbours (n - 1,). Raises BadFile for too many in a row."""
+    steps = np.diff(t_s)
+    period_s = max(float(np.median(steps)), PERIOD_S)
+    if steps.max() >= (MAX_MISSED + GAP_PERIODS) * period_s:
+        problem = f"a gap of {steps.max():.3g} s before {t_s[1:][steps.argmax()]:.3f} s"
+        raise BadFile(source, problem, remedy)
+    return missed_samples(t_s, period_s)
+
+
 def _aligned_labels(
     path: Path, unit: str, t_s: Floats
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], str]:
     """Labels (n,) at the times (n,), which of the times they cover, and how they were aligned."""
     table = read_foreign(path)
     names = list(table.columns)
-    time = next(filter(_is_time, names), names[0])
+    time = next(filter(TIME_NAME.fullmatch, names), names[0])
     label = next((name for name in names if name.lower() in LABEL_NAMES), names[-1])
-    known_s = table.times(time, unit)[1]
+    known_s = table.times(time, "", unit)[1]
     period_s = float(np.median(np.diff(known_s)))
     at = np.searchsorted(known_s, t_s, side="right").clip(1) - 1
     inside = (t_s >= known_s[0]) & (t_s < known_s[-1] + period_s)
     inside &= t_s < known_s[at] + 2.0 * period_s  # a label is not held over a hole
     if inside.sum() < 2:
-        raise BadFile(
-            path, f"labels from {known_s[0]:.12g} to {known_s[-1]:.12g} s do not overlap the "
-            f"samples from {t_s[0]:.12g} to {t_s[-1]:.12g} s",
-            "both need the same clock and the same unit",
-        )  # fmt: skip
+        problem = f"labels from {known_s[0]:.12g} to {known_s[-1]:.12g} s do not overlap the "
+        problem += f"samples from {t_s[0]:.12g} to {t_s[-1]:.12g} s"
+        raise BadFile(path, problem, "both need the same clock and the same unit")
     held = table.labels(label)[at]
+    remedy = f"each label is held for {2.0 * period_s:.3g} s, twice the median interval: write "
+    _missed(str(path), t_s[inside], f"{remedy}more labels there, or cut both files in two")
     left_out = len(t_s) - int(inside.sum())
     return held, inside, (
         f"labels: {label} of {path.name}, {len(known_s)} at {1.0 / period_s:.4g} Hz, each held "
@@ -368,20 +385,16 @@ def _fingers(source: str, names: list[str], taxels: int) -> int:
     if rest or not 1 <= fingers <= FINGERS:
         layouts = f"{taxels} (one finger), {2 * taxels} (A, B) or {3 * taxels} (A, B, C)"
         raise BadFile(source, f"{len(names)} channels ({', '.join(names)}), not {layouts}",
-                      "name the pressures, finger by finger, with --columns; for another fingertip "
-                      "give --taxels N")  # fmt: skip
+                      "name the pressures, finger by finger, with --columns (labels: `slip` or "
+                      "`label`); for another fingertip give --taxels N")  # fmt: skip
     return fingers
 
 
-def _is_time(name: str) -> bool:
-    return name.lower() in TIME_NAMES
-
-
 def _stamp_s(cell: str) -> float | None:
-    """Unix time of an ISO 8601 time stamp, by default in UTC; None for any other text."""
+    """Unix time of an ISO 8601 or German time stamp, by default in UTC; None for other text."""
     with suppress(ValueError, OverflowError):
         if ":" in cell:
-            stamp = datetime.fromisoformat(cell)
+            stamp = datetime.fromisoformat(GERMAN_DATE.sub(r"\3-\2-\1", cell))
             return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
     return None
 

@@ -1,4 +1,4 @@
-"""Reading of data sets and labelled recordings for commands, with checks for completeness.
+"""Reading of data sets for commands, with checks for completeness.
 
 `grasp dataset build` writes the number of recordings into ``dataset.json``. Folders without that
 file, such as those of `grasp dataset collect`, count as complete.
@@ -9,8 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from detector.recordings import INDEX, RECORDINGS, Recording, Split, files_in, read, read_dataset
-from drivers.errors import BadFile, UsageError
+from detector.recordings import INDEX, RECORDINGS, Recording, Split, read_dataset
+from drivers.errors import BadFile
+from scenarios.acquire.datasets.build import divided
 
 CONTINUE = "`grasp dataset build` continues it"
 Report = Callable[[str], None]
@@ -23,12 +24,14 @@ class _Index(msgspec.Struct, frozen=True):
 def read_set(
     folder: Path, split: Split | None = None, report: Report = lambda line: None
 ) -> list[Recording]:
-    """Recordings of one data set; ``report`` gets a line if the set is incomplete.
+    """Recordings of one data set, or of a folder of imports that ``divided`` divides; ``report``
+    gets a line for that, and if the set is incomplete.
 
     Raises BadFile as ``read_dataset``, and for a folder of several sets."""
     if problem := _incomplete(folder):
         report(f"{folder}: {problem}: {CONTINUE}")
-    return read_dataset(folder, split)
+    own = divided(folder, report) if split in ("train", "validation") else None
+    return own[split] if own and split else read_dataset(folder, split)
 
 
 def require_whole(folders: Sequence[Path]) -> None:
@@ -51,26 +54,3 @@ def _incomplete(folder: Path) -> str:
         return ""  # `grasp dataset build` refuses a damaged one
     present = sum(1 for _ in folder.rglob(RECORDINGS))
     return f"{present} of {planned} recordings exist" if present < planned else ""
-
-
-def read_labelled(path: Path) -> list[Recording]:
-    """Recordings of a labelled file, of the folder of an acquisition or of recordings. Raises
-    BadFile, and UsageError for recordings without labels."""
-    if not path.is_dir():
-        require_labelled(path)
-        return [read(path)]
-    if found := files_in(path):
-        return [read(file) for file in found]
-    raise UsageError(
-        f"{path} has no labelled samples",
-        "give a folder of `grasp run acquire`, or a file; a folder of recordings with --data",
-    )
-
-
-def require_labelled(path: Path) -> None:
-    """Raise UsageError for the recording of a run, which has no labels."""
-    if path.suffix == ".mcap":
-        raise UsageError(
-            f"{path} is the recording of a run, which has no labels",
-            "`grasp run acquire` writes labelled samples beside its recording",
-        )

@@ -29,7 +29,7 @@ def read_hold(path: Path) -> tuple[Counts, slice, float]:
     Raises BadFile for a file of another kind, UsageError without a hold or without its end.
     """
     if path.suffix in (SUFFIX, ".csv"):
-        counts = read(path, labelled=False).counts
+        counts = read(path).counts
         return counts, *find_hold(counts)
     rows: list[list[int]] = []
     phases: list[str] = []

@@ -13,12 +13,10 @@ import msgspec
 
 from detector.interface import SlipDetector
 from detector.recordings import SUFFIX, read
-from detector.scores.evaluation import evaluate_recording
 from drivers.errors import UsageError, one_line
 from drivers.interfaces import FINGERS
 from grasp.control.fault import INTERRUPTED
 from grasp.policy_reflex import Reflex
-from grasp.run.clock import stopwatch_ns
 from grasp.settings import Layer, file_of, layer_of
 from scenarios.campaign import run as campaign_runner
 from scenarios.campaign.config import RunConfig, load_config, load_lift
@@ -42,7 +40,7 @@ from scenarios.rigs.workers import Workers
 from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
-from scenarios.trial.replay_tactile import replay_tactile
+from scenarios.trial.replay_tactile import replay_tactile, score
 from scenarios.trial.result import JudgedTrial
 from scenarios.world import COMPILING, is_compiled
 
@@ -133,13 +131,9 @@ def replay(
 
 def _replay_tactile(path: Path, detector: str | None, settings: Settings | None) -> TactileResult:
     config = _config("can", "simulated", 0, detector, DEFAULT_PROFILE, None, settings)
-    recording = read(path, labelled=False)
+    recording = read(path)
     replayed = replay_tactile(config, recording)
-    sheet = None
-    if recording.labelled:
-        scored = config.make_detector(recording.fingers, recording.taxels)
-        sheet = evaluate_recording(scored, config.rule, recording, clock_ns=stopwatch_ns)
-    return TactileResult.of(recording, replayed, sheet)
+    return TactileResult.of(recording, replayed, score(config, recording))
 
 
 def campaign(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from detector.decision import registered_events
 from detector.interface import SlipDetector
 from detector.recordings import Recording
-from detector.scores.evaluation import stream
+from detector.scores.evaluation import Evaluation, evaluate_recording, stream
 from drivers.interfaces import (
     FINGER_NAMES,
     FINGERS,
@@ -42,6 +42,7 @@ from grasp.control.monitors.checks import Monitors, failed
 from grasp.control.observation import Observation
 from grasp.control.slip_response.close import CLOSED_COUNTS
 from grasp.control.step import StepResult
+from grasp.run.clock import stopwatch_ns
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_controller, make_step
 
@@ -186,6 +187,14 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
                 SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted
             )
     return replay
+
+
+def score(config: TrialConfig, recording: Recording) -> Evaluation | None:
+    """Evaluation of the configured detector; None without labels."""
+    if not recording.labelled:
+        return None
+    detector = config.make_detector(recording.fingers, recording.taxels)
+    return evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
 
 
 def _steps_until_lift(config: TrialConfig, detector: SlipDetector) -> int:

@@ -9,6 +9,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import INDEX, SUFFIX, Metadata, Recording, Split, files_in, read, write
+from detector.recordings import INDEX, SUFFIX, Metadata, Recording, Split, files_in, read_all, write
 from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
@@ -166,12 +167,13 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     Raises BadFile for a file that is not a recording. Raises UsageError for fewer than three
     recordings, duplicates, several layouts, and a folder that is not empty. Raises OSError.
     """
-    paths = [path for source in sources for path in _files(source)]
-    if len(paths) < MIN_RECORDINGS:
-        raise UsageError(f"{len(paths)} recordings are too few", f"give at least {MIN_RECORDINGS}")
+    recordings = list(read_all(sources))
+    if len(recordings) < MIN_RECORDINGS:
+        raise UsageError(
+            f"{len(recordings)} recordings are too few", f"give at least {MIN_RECORDINGS}"
+        )
     _require_empty(out)
-    recordings = [read(path) for path in paths]
-    _require_each_once(paths, recordings)
+    _require_each_once(recordings)
     if len(layouts := sorted({each.taxels for each in recordings})) > 1:
         mixed = " and ".join(map(str, layouts))
         raise UsageError(f"recordings of {mixed} taxels in one set", "collect one layout")
@@ -184,16 +186,15 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     return Collected(counts, _lacking(kinds, splits), recordings)
 
 
-def _require_each_once(paths: Sequence[Path], recordings: Sequence[Recording]) -> None:
+def _require_each_once(recordings: Sequence[Recording]) -> None:
     """Raise UsageError for duplicates, which could be in both the training and the test split."""
-    first: dict[str, Path] = {}
-    for path, one in zip(paths, recordings, strict=True):
-        other = first.setdefault(hashlib.sha256(one.counts.tobytes()).hexdigest(), path)
-        if other is not path:
-            same = "given twice, by itself or in its folder" if other == path else (
-                f"the same recording as {other}"
-            )  # fmt: skip
-            raise UsageError(f"{path} is {same}", "give each once")
+    first: dict[str, Recording] = {}
+    for one in recordings:
+        other = first.setdefault(hashlib.sha256(one.counts.tobytes()).hexdigest(), one)
+        if other is not one:
+            twice = "given twice, by itself or in its folder"
+            same = f"the same recording as {other.source}" if other.source != one.source else twice
+            raise UsageError(f"{one.source} is {same}", "give each once")
 
 
 def assign_splits(kinds: Sequence[str]) -> list[Split]:
@@ -212,16 +213,14 @@ def divided(folder: Path, report: Callable[[str], None]) -> dict[Split, list[Rec
     """Recordings by split of a folder of imports, which are all for tests until ``collect`` or this
     divides them; ``report`` gets a line. Empty for another data set. Raises BadFile."""
     paths = files_in(folder)
-    if not paths or not _is_import(read(paths[0], labelled=False)):
-        return {}
-    recordings = [read(path) for path in paths]
-    if not all(map(_is_import, recordings)):
+    recordings = list(takewhile(_is_import, read_all(paths)))
+    if not paths or len(recordings) < len(paths):
         return {}
     if len(paths) < MIN_RECORDINGS:
         problem = f"{len(paths)} recordings are too few to divide"
         raise BadFile(folder, problem, f"import at least {MIN_RECORDINGS}")
-    report(f"{folder}: of each five imports three are for training, one for validation; `grasp "
-           "dataset collect` keeps that division in a data set")  # fmt: skip
+    report(f"{folder}: of each five imports three are for training, one for validation; "
+           "`evaluate` scores all, unless `grasp dataset collect` keeps the division")  # fmt: skip
     found: dict[Split, list[Recording]] = {split: [] for split in SPLIT_CYCLE}
     for each, split in zip(recordings, assign_splits([UNKNOWN] * len(paths)), strict=True):
         found[split].append(each)
@@ -245,18 +244,6 @@ def _kind(recording: Recording) -> str:
     if known is None or (known.surface, known.motion) == (OWN, NO_MOTION):
         return UNKNOWN
     return f"{known.cause or known.motion} on {known.surface}"
-
-
-def _files(source: Path) -> list[Path]:
-    if not source.exists():
-        raise BadFile(source, "no such file or folder", "check the path")
-    if not source.is_dir():
-        return [source]
-    found = files_in(source)
-    if not found:
-        raise UsageError(f"{source} has no labelled samples", "give folders of `grasp run acquire` "
-                         "or `grasp dataset import`")  # fmt: skip
-    return found
 
 
 def _with_split(recording: Recording, split: Split) -> Recording:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -103,6 +104,30 @@ def test_runs_are_ordered_by_the_time_in_their_results(
     assert listed == ["a", "b", "c"]
     assert main(["report"]) == 0
     assert "last run: runs/20260329-020000-c" in capsys.readouterr().err
+
+
+def test_an_acquisition_is_not_the_last_run(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    acquired = tmp_path / "runs" / "20991231-235959-acquire-planar"
+    shutil.copytree(only(runs), acquired)
+    (acquired / "samples.npz").touch()
+    assert main(["report"]) == 2
+    assert "no RUN given, and no lift or tap in the folder runs" in capsys.readouterr().err
+    shutil.copytree(only(runs), tmp_path / "runs" / "20260329-020000-lift-can")
+    assert main(["report"]) == 0
+    assert "last run: runs/20260329-020000-lift-can" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["", "missing", "missing.sqlite"])
+def test_a_folder_without_anything_to_report_is_refused_with_what_a_report_takes(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(tmp_path / name)]) == 2
+    error = capsys.readouterr().err
+    assert f"{tmp_path / name}: no recording of a run, campaign, score file or benchmark" in error
+    assert "give the folder of a lift, a tap or a benchmark, a campaign's" in error
 
 
 @pytest.mark.parametrize("backend", ["module://of.a.notebook", "nonsense"])

@@ -1,20 +1,19 @@
 """Import of foreign tables: layouts of public data sets, stated changes, refusals."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from detector.recording_checks import suspicions
-from detector.recordings import read, read_dataset, write
+from detector.recordings import read, read_all, read_dataset, write
 from detector.text_table import MOST_BYTES
 from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import divided
 from scenarios.acquire.import_recording import ImportOptions, import_recording
-from scenarios.benchmark.data_sets import read_labelled
 
 REST = 430
 CHANNELS = ",".join(f"c{i}" for i in range(6))
@@ -106,8 +105,9 @@ def test_labels_are_not_held_over_a_hole(tmp_path: Path) -> None:
     path = table(tmp_path, [f"time,{CHANNELS}", *rows(100, lambda t: f"{t},{values(t)}", 300)])
     labels = [row for k in range(60) if not 20 <= k < 40 for row in [f"{k / 20},1"]]
     options = ImportOptions(rest_s=0.4, labels=table(tmp_path, ["time,slip", *labels], "t.csv"))
-    with pytest.raises(BadFile, match="a gap of"):
+    with pytest.raises(BadFile, match=r"t\.csv: a gap of 0\.96 s before 2\.000 s") as caught:
         import_recording(path, options)
+    assert "each label is held for 0.1 s, twice the median interval" in caught.value.remedy
 
 
 def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
@@ -118,9 +118,9 @@ def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Pa
     made, _ = import_recording(path, ImportOptions(rest_s=0.4, resample=True))
     assert made.counts[49:51, 0, 0].tolist() == [-30, -60]
     write(tmp_path / "own.npz", made)
-    assert not read(tmp_path / "own.npz", labelled=False).labelled
+    assert not read(tmp_path / "own.npz").labelled
     with pytest.raises(BadFile, match="has no label"):
-        read(tmp_path / "own.npz")
+        list(read_all([tmp_path / "own.npz"]))
 
 
 @pytest.mark.parametrize(
@@ -175,19 +175,66 @@ def test_up_to_five_lost_samples_in_a_row_are_left_out_and_counted(
         import_recording(table(tmp_path, lines), options)
 
 
+@pytest.mark.parametrize(
+    ("hz", "rows_lost", "lines"),
+    [
+        (100, (20, *range(60, 65)), ["lost samples: 6, whose rows are missing"]),
+        (50, (20, 21), ["lost samples: 2, whose rows are missing"]),
+        (500, range(60, 80), ["lost samples: 3, whose rows are missing"]),  # of 10 ms
+        (100, (), []),
+    ],
+)
+def test_rows_that_are_missing_are_counted_as_lost(
+    hz: int, rows_lost: Sequence[int], lines: list[str], tmp_path: Path
+) -> None:
+    whole = rows(hz, lambda t: f"{t},{values(t)}")
+    kept = [line for k, line in enumerate(whole) if k not in rows_lost]
+    options = ImportOptions(rest_s=0.02, resample=hz != 100)
+    _, changes = import_recording(table(tmp_path, [f"time,{CHANNELS}", *kept]), options)
+    assert [line for line in changes if line.startswith("lost")] == lines
+
+
+def test_a_column_that_is_not_chosen_is_named(tmp_path: Path) -> None:
+    lines = [f"time,{CHANNELS},sliding", *rows(100, lambda t: f"{t},{values(t)},1")]
+    made, changes = import_recording(table(tmp_path, lines), ImportOptions(columns="2-7"))
+    assert "columns left out: sliding" in changes and not made.labelled
+    assert "labels: none; a column of labels is named slip or label" in changes
+
+
+@pytest.mark.parametrize(
+    ("name", "per_s", "unit"),
+    [("ms", 1e3, "ms"), ("time_ms", 1e3, "ms"), ("Time [us]", 1e6, "us"), ("t_s", 1.0, "s")],
+)
+def test_the_name_of_a_time_column_states_its_unit(
+    name: str, per_s: float, unit: str, tmp_path: Path
+) -> None:
+    lines = [f"{name},{CHANNELS}", *rows(100, lambda t: f"{t * per_s},{values(t)}")]
+    truth = ["time,slip", *rows(20, lambda t: f"{t * per_s},{int(t >= 1)}", 40)]
+    options = ImportOptions(rest_s=0.4, labels=table(tmp_path, truth, "t.csv"))
+    made, changes = import_recording(table(tmp_path, lines), options)
+    assert made.t_s == pytest.approx(np.arange(200) / 100)
+    assert made.t_s[made.slip].min() == pytest.approx(1.0)
+    assert changes[0] == f"time: {name}, in {unit}, 0.0 subtracted"
+
+
 def test_a_table_without_any_whole_sample_is_refused(tmp_path: Path) -> None:
     lines = [f"{line};" for line in steps()]  # a nameless seventh channel
     with pytest.raises(BadFile, match="0 samples have a value in each channel"):
         import_recording(table(tmp_path, lines), ImportOptions(columns="2-8", taxels=7))
 
 
-def test_iso_time_stamps_are_read_and_others_name_the_rate(tmp_path: Path) -> None:
-    def stamp(t: float) -> str:
-        return f"2026-03-29T01:59:59.{round(t * 1e6):06d}+01:00"
-
-    made, changes = import_recording(table(tmp_path, steps(cell=stamp)), ImportOptions(rest_s=0.4))
+@pytest.mark.parametrize("stamp", ["2026-03-29T01:59:59.{}+01:00", "29.03.2026 01:59:59,{}"])
+def test_iso_and_german_time_stamps_are_read_and_have_no_unit(stamp: str, tmp_path: Path) -> None:
+    path = table(tmp_path, steps(cell=lambda t: stamp.format(f"{round(t * 1e6):06d}")))
+    made, changes = import_recording(path, ImportOptions(rest_s=0.4))
     assert made.t_s == pytest.approx(np.arange(100) / 100, abs=1e-6)
-    assert f"time: time, in ISO 8601, {stamp(0)} subtracted" in changes
+    assert f"time: time, in date and time, {stamp.format('000000')} subtracted" in changes
+    with pytest.raises(BadFile, match="which has no unit 'ms'") as caught:
+        import_recording(path, ImportOptions(unit="ms"))
+    assert caught.value.remedy == "leave --unit out"
+
+
+def test_other_time_stamps_name_the_rate(tmp_path: Path) -> None:
     path = table(tmp_path, steps(cell=lambda t: f"29.3. 10 Uhr {t}"))
     with pytest.raises(BadFile, match=r"time is '29\.3\. 10 Uhr 0\.0'") as caught:
         import_recording(path, ImportOptions())
@@ -230,7 +277,7 @@ def test_imported_files_are_collected_and_divided_for_training(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for number in range(5):
-        lines = rows(100, lambda t: f"{t},{values(t)},{int(t > 1)}", 200 + number)
+        lines = rows(100, lambda t: f"{t},{values(t)},{int(t > 1.5)}", 200 + number)
         table(tmp_path, [f"time,{CHANNELS},slip", *lines], f"{number}.csv")
     own = tmp_path / "own"
     files = [str(tmp_path / f"{number}.csv") for number in range(5)]
@@ -244,7 +291,42 @@ def test_imported_files_are_collected_and_divided_for_training(
     assert main(["dataset", "collect", str(own), "--out", str(tmp_path / "set")]) == 0
     assert len(read_dataset(tmp_path / "set", "train")) == 3
     assert divided(tmp_path / "set", said.append) == {} and len(said) == 1
-    assert len(read_labelled(own)) == 5
+    assert len(list(read_all([own]))) == 5
+    tune = ["detector", "tune", "energy", "--data", str(own), "--budget", "6000"]
+    assert main(tune) == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["dataset collect FOLDER --out new", "detector evaluate energy --data FOLDER",
+     "detector evaluate energy --recording FOLDER", "detector tune energy --data FOLDER"],
+)  # fmt: skip
+def test_all_imports_without_a_label_are_named(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, labelled in {"a": True, "b": False, "c": True, "d": True, "e": False}.items():
+        lines = rows(100, lambda t: f"{t},{values(t)}" + ",1" * labelled)  # noqa: B023
+        path = table(tmp_path, [f"time,{CHANNELS}" + ",slip" * labelled, *lines], f"{name}.csv")
+        write(tmp_path / f"{name}.npz", import_recording(path, ImportOptions(rest_s=0.4))[0])
+    assert main(command.replace("FOLDER", str(tmp_path)).split()) == 2
+    error = capsys.readouterr().err
+    assert f"{tmp_path / 'b.npz'}: has no label `slip`, nor e.npz (move or leave out" in error
+
+
+def test_the_folder_of_one_import_is_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"time,{CHANNELS},slip", *rows(100, lambda t: f"{t},{values(t)},{int(t > 1)}")]
+    made, _ = import_recording(table(tmp_path, lines), ImportOptions(rest_s=0.4))
+    for name in ("a.npz", "b.npz"):
+        write(tmp_path / name, made)
+        codes = [
+            main(["detector", "evaluate", "energy", "--recording", str(tmp_path)]),
+            main(["replay", "--detector", "energy", "--tactile", str(tmp_path)]),
+        ]
+        assert codes == [0, 0 if name == "a.npz" else 2]
+    error = capsys.readouterr().err
+    assert f"{tmp_path} has 2 recordings (give one of them: a.npz, b.npz)" in error
 
 
 def test_unlabelled_files_are_replayed_next(
