@@ -40,7 +40,7 @@ REINSTALL = "install `grasp` again"
 PACKAGED_SHA256 = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
     "gru": "38e0aecb17722ef3e1f66d1a7c297a8383826038a4159bb9e59aa78e3b8e0bdc",
-    "tcn": "354cc764d647173d50206ac18d51b0f99c8a3d24aad827085218c27b8ef752c0",
+    "tcn": "78ecb627121e6e9d477c59141c2cfd1fe1bc723857ed8f4fc03fa95947d9fff9",
     "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
 }
 

@@ -71,18 +71,19 @@ def of_layout(name: str, taxels: int) -> Architecture:
 # Memory of 99 samples at most, so window and stream are equal. The running maximum is as long as
 # the label of an impact (IMPACT_SAMPLES), which reaches the fingers one after another.
 GATED = Architecture(
-    family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=12,
+    family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
     held=15, dropout=0.0, outputs=1, streaming=True, mirrored=True,
 )  # fmt: skip
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so zero padding matters
     "tcn-paper": Architecture(family="tcn"),
-    "tcn": msgspec.structs.replace(GATED, channels=17),
     # A shift shows that slip has displaced the pad, but once it is gone, slip that goes on looks
     # like rest. Of two networks, one with and one without shifts, each errs elsewhere.
-    "tcn-pair": Architecture(
+    "tcn": Architecture(
         family="tcn", streaming=True, parts=(
-            GATED, msgspec.structs.replace(GATED, inputs=("changes", "counts"), mirrored=False),
+            GATED, msgspec.structs.replace(
+                GATED, inputs=("changes", "counts"), channels=12, mirrored=False
+            ),
         ),
     ),
     "gru": Architecture(
@@ -115,12 +116,10 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 # `tcn-paper` learns from every sample of crops as long as its window, after the same zero padding
 # as at run time: a hundred labels at the cost of one. `--windows`: as its authors did.
-_TCN = TrainSettings(
-    steps=12_000, validations=6, learning_rate=0.008, batch=32, near_impacts=0.4, evenness=0.5
-)
 DEFAULTS = {
-    "tcn": _TCN,
-    "tcn-pair": _TCN,
+    "tcn": TrainSettings(
+        steps=6_000, validations=4, learning_rate=0.008, batch=32, near_impacts=0.4, evenness=0.5
+    ),
     "gru": TrainSettings(steps=7_000, validations=5, batch=32, near_impacts=0.4, evenness=0.5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,

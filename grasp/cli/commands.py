@@ -33,7 +33,7 @@ from grasp.cli.parser import ARGUMENT, SOURCE, How, Options, Parser
 
 # fmt: off
 Label = Literal["slip", "slip_true", "moved"]
-Network = Literal["tcn", "tcn-pair", "gru", "tcn-paper", "freq-cnn-paper"]
+Network = Literal["tcn", "gru", "tcn-paper", "freq-cnn-paper"]
 Pace = Literal["real", "max"]
 RUN_HELP = (
     "folder of a run, its name as `grasp runs` lists it, or its recording.mcap (default: the last "

@@ -31,7 +31,7 @@ QUICK = TrainSettings(steps=30, batch=4, crop=60, validations=3)
 
 def training(name: str = "tcn", **changes: object) -> Training:
     settings = msgspec.structs.replace(QUICK, **changes)
-    if name not in ("tcn", "tcn-pair", "gru"):
+    if name not in ("tcn", "gru"):
         settings = msgspec.structs.replace(settings, dense=False, balance="undersample", batch=32)
     return Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
 
@@ -56,11 +56,11 @@ def test_network_learns_to_detect_bursts(name: str, tmp_path: Path) -> None:
 
 
 def test_each_of_two_averaged_networks_learns_as_if_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    pair, arch = training("tcn-pair", steps=5, validations=1), ARCHITECTURES["tcn-pair"]
+    pair, arch = training("tcn", steps=5, validations=1), ARCHITECTURES["tcn"]
     pair.run(5.0, None, ignore)
-    alone = {"tcn-pair": msgspec.structs.replace(arch, parts=arch.parts[:1])}
+    alone = {"tcn": msgspec.structs.replace(arch, parts=arch.parts[:1])}
     monkeypatch.setattr("detector.training.settings.ARCHITECTURES", alone)
-    one = training("tcn-pair", steps=5, validations=1)
+    one = training("tcn", steps=5, validations=1)
     one.run(5.0, None, ignore)
     (expected,), (part, _) = parts_of(one.network), parts_of(pair.network)
     for key, value in expected.state_dict().items():
