@@ -23,6 +23,8 @@ FOLDERS = {"lerobot": "pyarrow", "rosbag": "rosbags"}  # formats that are folder
 def replay(args: ReplayOptions) -> int:
     if args.run is not None and args.tactile is not None:
         raise UsageError("takes a RUN or --tactile PATH, and not both", "give one of them")
+    if args.tactile is not None and args.check:
+        raise UsageError("--check compares a run with its recording", "leave it out")
     if args.tactile is not None:
         return _replay_tactile(args, args.tactile)
     if args.config or args.set:

@@ -253,7 +253,7 @@ def _files(config: File | Sequence[File] | None) -> list[Path]:
 
 
 def _path(name: str, value: object) -> Path:
-    if not isinstance(value, str | Path):
+    if not isinstance(value, str | Path) or value == "":
         raise UsageError(f"{name}: {value!r} is neither a name nor a path", "give a text")
     return Path(value)
 

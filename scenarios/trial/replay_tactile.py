@@ -111,7 +111,8 @@ class _Lift:
         self._seq += 1
         none = np.zeros_like(counts)
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
-        arm = ArmState(t_ns, 0, ORIGIN, ORIGIN, self.lifting)
+        moves = self.lifting and not self._step.controller.in_safe_state
+        arm = ArmState(t_ns, 0, ORIGIN, ORIGIN, moves)
         result = self._step.decide(
             Observation(
                 t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
@@ -150,9 +151,8 @@ class _Lift:
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers. Slip is registered from these fingers alone, as
-    `detector evaluate` does; the controller gets other fingers as unloaded."""
-    frames = np.zeros((len(recording.t_s), FINGERS, recording.taxels), np.int16)
-    frames[:, : recording.fingers] = recording.counts
+    `detector evaluate` does; to the controller the others feel what the last one of them feels."""
+    frames = recording.counts[:, np.minimum(range(FINGERS), recording.fingers - 1)]
     made = config.make_detector(recording.fingers, recording.taxels)
     probabilities, _ = stream(made, recording.counts)
     on = [slice(first, after) for first, after in registered_events(probabilities, config.rule)]

@@ -108,12 +108,10 @@ def test_wrong_arguments_of_a_detector_are_named(tmp_path: Path) -> None:
         grasp.replay(tmp_path / "fingertip.csv", detector=5)  # type: ignore[arg-type]
 
 
-def test_a_folder_for_runs_is_kept_even_if_its_name_is_empty(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    folder = grasp.lift(detector="energy", runs="").folder
-    assert [each.name for each in tmp_path.iterdir()] == [folder.name]
+def test_an_empty_name_is_refused() -> None:
+    for wrong in ({"runs": ""}, {"config": ""}, {"profile": ""}):
+        with pytest.raises(UsageError, match=f"{next(iter(wrong))}: '' is neither"):
+            grasp.lift(detector="energy", **wrong)
 
 
 def test_a_wrong_setting_is_named_by_the_argument_and_not_by_the_option() -> None:
