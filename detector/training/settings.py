@@ -74,18 +74,13 @@ GATED = Architecture(
     family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
     held=15, dropout=0.0, outputs=1, streaming=True, mirrored=True,
 )  # fmt: skip
+TAXELS = msgspec.structs.replace(GATED, inputs=EVERY[1:], channels=12, mirrored=False)
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so zero padding matters
     "tcn-paper": Architecture(family="tcn"),
     # A shift shows that slip has displaced the pad, but once it is gone, slip that goes on looks
     # like rest. Of two networks, one with and one without shifts, each errs elsewhere.
-    "tcn": Architecture(
-        family="tcn", streaming=True, parts=(
-            GATED, msgspec.structs.replace(
-                GATED, inputs=("changes", "counts"), channels=12, mirrored=False
-            ),
-        ),
-    ),
+    "tcn": Architecture(family="tcn", streaming=True, parts=(GATED, TAXELS)),
     "gru": Architecture(
         family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True, mirrored=True
     ),

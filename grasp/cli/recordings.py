@@ -56,10 +56,10 @@ def replay(args: ReplayOptions) -> int:
 def _last_run() -> Path:
     """Folder of the newest lift or tap in the default folder, which it prints. Raises UsageError if
     there is none."""
-    from detector.recordings import files_in
+    from detector.recordings import SAMPLES
     from scenarios.trial.run_folder import RECORDING, RUNS, newest
 
-    if not (recordings := [run for run in newest(RECORDING) if not files_in(run)]):
+    if not (recordings := [run for run in newest(RECORDING) if not any(run.glob(SAMPLES))]):
         raise UsageError(f"no RUN given, and no lift or tap in the folder {RUNS}",
                          "give the path of a RUN, or record one: `grasp run lift`")  # fmt: skip
     print_status(f"last run: {one_line(recordings[0])}")

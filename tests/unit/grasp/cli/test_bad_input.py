@@ -39,7 +39,8 @@ arm step --x -1e1 | gripper step --mm -1e-3
 run lift --config DIR | run lift --config /dev/zero | run tap --taps -1 | run acquire --speed nan
 run acquire --surface moon | campaign run FILE.toml | campaign run paper --jobs 0 | replay
 runs DIR | runs /dev/null | export FILE --to csv | replay FILE | replay DIR
-replay --tactile FILE | replay --tactile FILE --check | runs --runs FILE --json=1 | export FILE --to svg
+replay --tactile FILE | replay --tactile FILE --check | runs --runs FILE --json=1
+export FILE --to svg
 dataset build FILE.toml --out DIR | detector evaluate energy --data DIR
 detector evaluate zzz --recording FILE | detector card /dev/zero.onnx | detector train zzz
 tactile identify --url nonsense --seconds 1 | tactile identify --seconds nan

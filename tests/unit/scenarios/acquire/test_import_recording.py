@@ -110,6 +110,41 @@ def test_labels_are_not_held_over_a_hole(tmp_path: Path) -> None:
     assert "each label is held for 0.1 s, twice the median interval" in caught.value.remedy
 
 
+def test_labels_on_another_clock_or_in_another_unit_are_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, [f"t_s,{CHANNELS}", *rows(100, lambda t: f"{t:.2f},{values(t)}", 2000)])
+    for scale, header in ((1e3, "time,label"), (1e-3, "time,label"), (1.0, "start,end,label")):
+        between = "," * header.count("end")
+        lines = [f"{t * scale:.6f},{between}{int(t % 1 > 0.5)}" for t in np.arange(0, 20, 0.01)]
+        labels = table(tmp_path, [header, *lines], "labels.csv")
+        with pytest.raises(BadFile, match=r"do not fit the samples|no column is named as time"):
+            import_recording(path, ImportOptions(labels=labels))
+
+
+def test_rest_is_that_of_the_first_seconds_even_if_they_have_no_label(tmp_path: Path) -> None:
+    path = table(tmp_path, [f"t_s,{CHANNELS}", *rows(100, lambda t: f"{t:.2f},{values(t)}")])
+    labels = table(tmp_path, ["t_s,slip", "1.0,0", "1.3,1", "1.6,0"], "labels.csv")
+    made, _ = import_recording(path, ImportOptions(labels=labels, rest_s=0.4))
+    assert made.counts[0, 0].tolist() == [-60, -70, -80, -90, -100, -110]
+
+
+def test_samples_at_unix_times_are_resampled_as_at_times_from_zero(tmp_path: Path) -> None:
+    found = []
+    for start in (0, 1_700_000_000):
+        lines = [f"{start + k / 100:.3f}," + ",".join(["100" if k % 2 else "-100"] * 6)
+                 for k in range(300)]  # fmt: skip
+        path = table(tmp_path, [f"t_s,{CHANNELS}", *lines])
+        found.append(import_recording(path, ImportOptions(resample=True))[0].counts)
+    np.testing.assert_array_equal(*found)
+
+
+def test_columns_that_are_only_numbered_are_a_header(tmp_path: Path) -> None:
+    path = table(tmp_path, ["0,1,2,3,4,5", *rows(100, values)])
+    assert len(import_recording(path, ImportOptions(rate_hz=100.0))[0].t_s) == 200
+    indexed = table(tmp_path, [",0,1,2,3,4,5", *(f"{k},{values(k / 100)}" for k in range(200))])
+    options = ImportOptions(rate_hz=100.0, columns="0,1,2,3,4,5")
+    assert len(import_recording(indexed, options)[0].t_s) == 200
+
+
 def test_slow_file_is_interpolated_and_stays_unlabelled_in_its_file(tmp_path: Path) -> None:
     path = table(tmp_path, [f"t,{CHANNELS}", *rows(50, lambda t: f"{t},{values(t)}", 100)])
     with pytest.raises(BadFile, match="20 ms apart, 50 Hz") as caught:
