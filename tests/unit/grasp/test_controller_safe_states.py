@@ -7,10 +7,11 @@ from grasp.control.commands import (
     HoldFingers,
     StopArm,
 )
+from grasp.control.controller_settings import ControllerSettings
 from grasp.control.fault import Fault
 from grasp.control.monitors.checks import failed
 from grasp.control.states import State
-from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper, observation
 from tests.unit.grasp.controller_driver import MOVING, TICK, Driver
 
 FAULTS = [
@@ -137,6 +138,17 @@ def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> 
     d = Driver().lift()
     d.step(errors=LOST)
     assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseToLimit]
+
+
+def test_after_an_abort_old_states_and_a_moving_arm_confirm_nothing() -> None:
+    d = Driver().lift()
+    stop, *_ = d.controller.abort_commands()
+    assert stop == StopArm(ControllerSettings().stop_deceleration_mps2)
+    moving = observation(d.t_ns + TICK, arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    assert d.controller.unconfirmed_parts(moving).arm == ("the arm still moves",)
+    old = observation(d.t_ns + 10**10, gripper=d.hand(), arm=arm(d.t_ns))
+    arm_text, hand_text = d.controller.unconfirmed_parts(old)
+    assert "does not report" in arm_text[0] and "does not report" in hand_text[0]
 
 
 @pytest.mark.parametrize(

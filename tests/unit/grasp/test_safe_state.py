@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.control.commands import CloseToLimit, Command, HoldFingers
+from grasp.control.commands import CloseToLimit, Command, HoldFingers, StopArm
 from grasp.control.contact_estimator import Stiffness
 from grasp.control.controller_settings import ControllerSettings, GripPlan
 from grasp.control.fault import ARM, Fault
@@ -154,3 +154,9 @@ def test_stale_arm_state_is_unconfirmed() -> None:
         supervised.step(later(arm=arm(LATER_NS - old_ns)))
         reported_missing = any("the arm does not report" in text for text in supervised.unconfirmed)
         assert reported_missing is not fresh
+
+
+def test_an_arm_that_rests_gets_no_further_stop() -> None:
+    moving, resting = unsafe(LATER_NS), later()
+    assert StopArm(SETTINGS.stop_deceleration_mps2) in supervisor().request(moving)
+    assert not any(isinstance(c, StopArm) for c in supervisor().request(resting))

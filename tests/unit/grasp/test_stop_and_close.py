@@ -4,9 +4,9 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.control.commands import CloseToLimit, MoveArm, StopArm
-from grasp.control.slip_response.stop_and_close import RESUME_MPS2
+from grasp.control.slip_response.stop_and_close import PATIENCE_NS, RESUME_MPS2
 from grasp.control.states import State
-from tests.unit.grasp.builders import LOST, STOP, arm
+from tests.unit.grasp.builders import LOST, STOP, arm, observation
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
@@ -47,6 +47,27 @@ def test_stop_is_repeated_while_the_arm_moves_and_the_lift_waits() -> None:
     assert d.controller.state is State.COMPENSATE
     assert len(commands(d, StopArm)) == 5
     assert commands(d, MoveArm) == []
+
+
+def test_a_pause_is_the_time_for_which_the_arm_stands_still() -> None:
+    response = Driver().slip().controller.response
+    response.update(observation(0, arm=arm(0, moving=True)), True, TICK)
+    before_s = response.paused_s
+    for paused_s in (0.0, 0.01, 0.02):
+        response.update(observation(0), True, TICK)
+        assert response.paused_s - before_s == pytest.approx(paused_s)
+
+
+def test_with_the_arm_stopped_a_further_stage_waits_until_the_stop_had_time_to_act() -> None:
+    d = Driver().slip()
+    response, by_touch = d.controller.response, observation(d.t_ns, rise_n=1.9)
+    assert response.escalate(by_touch, PATIENCE_NS - 1) is None
+    assert response.escalate(by_touch, PATIENCE_NS)
+    d.climb(gripper=d.hand(detections=MOVING))
+    while d.controller.state is State.COMPENSATE:
+        d.climb()
+    assert response.arm_stop is None
+    assert response.escalate(by_touch, 0)  # the arm moves again
 
 
 def test_arm_that_has_reached_the_top_does_not_move() -> None:

@@ -43,6 +43,7 @@ class Scene:
         self.t_ns, self.height_m, self.sign = 0, 0.0, -1.0
         self.reflex = grasp.reflex(detector="energy", force_limit_n=limit_n)
         self.positions: Counts3 = (55, 55, 55)
+        self.requested: Counts3 | None = None  # None: the positions
         self.detections, self.force_n, self.fresh = ALL_REST, force_n, True
 
     def counts(self) -> NDArray[np.int16]:
@@ -70,7 +71,9 @@ class Scene:
         counts, zero = self.counts(), np.zeros((3, TAXELS), np.int16)
         raw = counts + np.int16(511)
         frame = TactileFrame(self.t_ns, self.t_ns, 0, counts, raw, zero, zero)
-        at = gripper(self.t_ns, self.positions, self.detections, self.fresh)
+        at = gripper(
+            self.t_ns, self.positions, self.detections, self.fresh, requested=self.requested
+        )
         place: Vector3 = (0.0, 0.0, self.height_m)
         state = ArmState(self.t_ns, 0, place, AT_REST, False)
         self.last = self.reflex.step(frame, at, state, wanted)

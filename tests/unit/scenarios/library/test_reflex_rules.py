@@ -1,5 +1,6 @@
 """Each rule of the reflex, in single steps with given states and slip."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -20,6 +21,7 @@ from tests.unit.scenarios.library.reflex_scene import (
     DOWN,
     GRIP,
     HOLDS,
+    MOVES,
     READ,
     REST,
     THUMB_LATCHED,
@@ -88,6 +90,7 @@ def test_a_second_slip_is_answered_as_the_first(held: Scene) -> None:
 def test_slip_closes_the_hand_to_the_limit_and_stops_the_arm(held: Scene) -> None:
     admitted = held.step(move(0, 0, 0), arm=ASIDE, slip=1.0, steps=2)
     assert admitted.state is State.COMPENSATE and admitted.arm_velocity_mps == AT_REST
+    assert admitted.arm_acceleration_mps2 == 8.0
     assert isinstance(admitted.hand, CloseToLimit) and admitted.hand.force_limit_n == 10.0
     assert held.step(arm=DOWN).arm_velocity_mps == DOWN
 
@@ -135,6 +138,26 @@ def test_in_contact_only_the_thumb_closes_and_a_held_object_is_not_opened(grip: 
     kept = grip.step(move(48, 80, 50))
     assert kept.hand is None and "opening" in kept.refused[0]
     assert grip.step(move(70, 80, 50)).hand == move(57, 55, 55)  # 0.7 of the room to 10 N
+
+
+def test_fingers_stay_where_they_are_commanded_unless_they_still_move(held: Scene) -> None:
+    assert held.step(move(60, 80, 50), requested=(56, 56, 56)).hand == move(57, 56, 56)
+    assert held.step(move(57, 80, 51), detections=(MOVES,) * 3).hand == move(57, 55, 55)
+
+
+def test_a_velocity_drives_the_arm_and_none_stops_it_once(empty: Scene) -> None:
+    drives, stops = list[Any](), list[float]()
+    arm: Any = SimpleNamespace(
+        state=ArmState(0, 0, AT_REST, AT_REST, True), stop=stops.append,
+        drive=lambda *values: drives.append(values),
+    )  # fmt: skip
+    hand: Any = None  # it has no command
+    empty.step(arm=UP).send(hand, arm)
+    still = empty.step()
+    still.send(hand, arm)
+    arm.state = ArmState(0, 0, AT_REST, AT_REST, False)
+    still.send(hand, arm)
+    assert drives == [(UP, 0.0, 0.5)] and stops == [0.5]
 
 
 def test_before_the_grasp_the_thumb_closes_by_one_count_after_each_reading(grip: Scene) -> None:
