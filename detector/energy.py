@@ -83,12 +83,3 @@ def probability_of(energy_counts: float, threshold_counts: float) -> float:
         return 0.0
     ratio: float = (threshold_counts / energy_counts) ** STEEPNESS
     return 1.0 / (1.0 + ratio)
-
-
-def energy_series(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
-    """Energies (n, fingers) of a recording (n, fingers, taxels), equal to the streamed ones."""
-    changes = np.abs(np.diff(counts.astype(np.int64), axis=0, prepend=counts[:1])).sum(axis=2)
-    total = np.cumsum(changes, axis=0)
-    total[window:] -= total[:-window].copy()
-    energies: NDArray[np.float64] = total / (window * counts.shape[2])
-    return energies

@@ -373,9 +373,9 @@ def _present_target(finger: FingerState) -> int:
 def _checked(*states_and_time: object) -> tuple[GripperState, ArmState, int]:
     """The states and the time with values of their declared types. Raises UsageError for others."""
     try:
-        plain = msgspec.to_builtins(states_and_time, enc_hook=lambda value: value.tolist())  # NumPy
-        return msgspec.convert(plain, tuple[GripperState, ArmState, Nanoseconds])
-    except (AttributeError, TypeError, msgspec.MsgspecError) as error:
+        plain = msgspec.msgpack.encode(states_and_time, enc_hook=lambda value: value.tolist())
+        return msgspec.msgpack.decode(plain, type=tuple[GripperState, ArmState, Nanoseconds])
+    except (AttributeError, OverflowError, TypeError, msgspec.MsgspecError) as error:
         text = str(error).replace("$[0]", "gripper").replace("$[1]", "arm").replace("$[2]", "time")
         raise UsageError(text, "give a GripperState, an ArmState, integer nanoseconds") from None
 

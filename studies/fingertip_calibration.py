@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.energy import energy_series
 from detector.recordings import read
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
@@ -27,6 +26,7 @@ from scenarios.acquire.config import with_values
 from scenarios.world.fingertip import Fingertips
 from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 from studies.runner import Study, markdown
+from studies.slip_types import energy_series
 
 ROUNDS = ((9, 40, 12), (8, 24, 36))  # rounds, sets, simulations a set: coarse, then fine
 KEPT_SHARE = 0.25

@@ -27,7 +27,6 @@ from detector.auxiliary_outputs import (
     inputs_of,
     read_outputs,
 )
-from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
 from detector.recordings import Recording
 from detector.scores.figures import HIGH, LOW, RESAMPLES
@@ -92,6 +91,15 @@ class Guess(msgspec.Struct, frozen=True, eq=False):
     log_speed: Floats | None = None
     turning: Floats | None = None  # the more, the likelier
     sector: Whole | None = None
+
+
+def energy_series(counts: NDArray[np.int16], window: int) -> Floats:
+    """Energies (n, fingers) of a recording (n, fingers, taxels), as `detector.energy` streams."""
+    changes = np.abs(np.diff(counts.astype(np.int64), axis=0, prepend=counts[:1])).sum(axis=2)
+    total = np.cumsum(changes, axis=0)
+    total[window:] -= total[:-window].copy()
+    energies: Floats = total / (window * counts.shape[2])
+    return energies
 
 
 def add_options(parser: Parser) -> None:

@@ -41,6 +41,7 @@ LEAST_FITTING = 0.1  # share of samples that have labels, and of slow labels wit
 GERMAN_DATE = re.compile(r"([0-9]{2})\.([0-9]{2})\.([0-9]{4})")
 TIME = "it must be a number or a stamp as 2026-01-31T10:15:00.010; without times give --rate HZ"
 LEAST_SPAN = 20.0  # of pressures that are no whole numbers, in counts: less is lost by rounding
+THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # or a number with three decimals
 LABEL_VALUES = {"0": 0.0, "1": 1.0, "false": 0.0, "true": 1.0}
 Floats = NDArray[np.float64]
 
@@ -152,7 +153,11 @@ def read_foreign(path: Path) -> Table:
     """Read a table with or without a header; a cell that holds a list becomes one column for each
     of its values. Raises BadFile."""
     text = read_table(path, empty_rows=True)
-    if commas := text.decimal_comma() is not None:
+    commas = [cell for row in text.rows for cell in row if DECIMAL_COMMA.fullmatch(cell)]
+    if commas:
+        if all(map(THOUSANDS.fullmatch, commas)):
+            meant = f"{commas[0].replace(',', '')} or {commas[0].replace(',', '.')}"
+            raise BadFile(path, f"{commas[0]} may mean {meant}", "write one of these")
         points = [[x.replace(",", ".") if DECIMAL_COMMA.fullmatch(x) else x for x in row]
                   for row in text.rows]  # fmt: skip
         text = msgspec.structs.replace(text, rows=points)
@@ -180,7 +185,7 @@ def read_foreign(path: Path) -> Table:
                 raise BadFile(path, problem, "each list must have the same length", line)
         spread = zip(*lists, strict=True)
         columns |= {f"{name}[{i}]": values for i, values in enumerate(spread)}
-    return Table(str(path), columns, lines, commas)
+    return Table(str(path), columns, lines, bool(commas))
 
 
 def import_recording(path: Path, options: ImportOptions) -> tuple[Recording, list[str]]:

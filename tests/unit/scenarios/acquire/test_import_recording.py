@@ -189,6 +189,13 @@ def test_decimal_commas_are_read_as_points_and_stated(tmp_path: Path) -> None:
     assert changes[0] == "numbers: decimal commas read as points"
 
 
+def test_a_comma_that_may_part_thousands_is_refused(tmp_path: Path) -> None:
+    lines = steps()
+    lines[40] = f"{lines[40].rpartition(';')[0]};1,023"
+    with pytest.raises(BadFile, match=r"1,023 may mean 1023 or 1\.023"):
+        import_recording(table(tmp_path, lines), ImportOptions())
+
+
 @pytest.mark.parametrize("lost", ["", "nan", "NaN", "null"])
 @pytest.mark.parametrize("times", [True, False], ids=["times", "rate"])
 def test_up_to_five_lost_samples_in_a_row_are_left_out_and_counted(
