@@ -16,7 +16,7 @@ from grasp.control.states import State
 from scenarios.report.page import Cell, Table, cells, render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import Setting, command_of, object_file, settings_of
-from scenarios.report.run_view import Bound, View, bound_of, decided, facts, page_data
+from scenarios.report.run_view import PHASE_NAMES, Bound, View, bound_of, decided, facts, page_data
 from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RECORDING, find_recording
 
@@ -154,9 +154,10 @@ def _phase_table(run: RunRecord) -> Table:
     begins = [change.t_ns * 1e-9 for change in run.phases]
     ends = [*begins[1:], float(run.t_s[-1])]
     rows = [
-        [Cell(at_s=t), *cells(change.phase, f"{max(0.0, end - t):.2f}", change.cause)]
+        [Cell(at_s=t), Cell(PHASE_NAMES.get(change.phase, change.phase), change.phase),
+         *cells(f"{max(0.0, end - t):.2f}", change.cause)]
         for change, t, end in zip(run.phases, begins, ends, strict=True)
-    ]
+    ]  # fmt: skip
     return Table(("s", "phase", "lasted, s", "cause"), rows)
 
 

@@ -74,6 +74,8 @@ def test_the_first_screen_has_no_word_of_code(page: str) -> None:
     assert not re.findall(r"\w+_\w+|\b[a-z]{2,}\.[a-z]{2,}|[{}]", words)
     assert set(data_of(page)["phase_names"]) == set(State)
     assert not re.search(r"[._]", " ".join(data_of(page)["phase_names"].values()))
+    phases = page.split("<h2>Phases</h2>")[1].split("</table>", maxsplit=1)[0]
+    assert re.search(r"thumb closes\s*<small>grasp.close</small>", phases)
 
 
 def test_every_outcome_has_a_sentence_of_its_own() -> None:
