@@ -13,6 +13,7 @@ from drivers.interfaces import FINGER_NAMES
 from grasp.control.commands import describe
 from grasp.control.fault import lines
 from grasp.control.states import State
+from scenarios.campaign.config import UNNAMED
 from scenarios.report.page import Cell, Table, cells, render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import Setting, command_of, object_file, settings_of
@@ -270,7 +271,8 @@ def sentence(run: RunRecord) -> str:
     if verdict is None:
         return "No verdict: the run has no readable result."
     head = HEADS.get(verdict.outcome, spelt(verdict.outcome).capitalize())
-    texts = [head.format(it=verdict.object.replace("_", " "))]
+    name = "object" if verdict.object == UNNAMED else verdict.object.replace("_", " ")
+    texts = [head.format(it=name)]
     if (rise_mm := 1e3 * (_top_m(run) - run.arm_m[_lift_step(run), 2])) >= 1.0:
         texts[0] = texts[0].replace(" lifted", f" lifted {rise_mm:.0f} mm")
     onset_s, late_ms = verdict.slip_onset_s, verdict.detection_latency_ms
@@ -314,5 +316,5 @@ def remarks(run: RunRecord) -> list[str]:
         if verdict.end.unconfirmed:
             texts.append(f"Not confirmed: {', '.join(verdict.end.unconfirmed)}.")
     if run.truth is None:
-        texts.append("True forces, slip and height are not known on this rig.")
+        texts.append("True forces, height and the moment of slip are not known on this rig.")
     return texts

@@ -352,9 +352,8 @@ def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
     if rule.kind == "consecutive":  # the limit of a sum has another scale
         ends = [(-BEFORE_S, rule.threshold), (AFTER_S, rule.threshold)]
         curves.append(Curve(f"threshold {rule.threshold:g}", ends, style="limit"))
-    probability = Axis("probability", 0.0, 1.0)
     hint = "sum of the taxels, less its mean before the slip. Shaded: labelled slip"
     return [
         Plot("Pressure", time, counts, pressed, trace.slipping, hint),
-        Plot("Slip", time, probability, curves, trace.slipping),
+        Plot("Slip", time, Axis("probability", 0.0, 1.0), curves, trace.slipping),
     ]

@@ -231,7 +231,7 @@ function drawNames(u) {
   u.series.forEach((line, k) => {
     if (!data.fingers.includes(line.label)) return;
     let i = last;
-    while (i > 0 && u.data[k][i] === null) i--;
+    while (i > 1 && (u.data[k][i] === null || u.data[k][i - 1] === null)) i--; // a lone point draws no line
     const x = u.valToPos(u.data[0][i], "x", true), y = u.valToPos(u.data[k][i], "y", true);
     if (u.data[k][i] !== null && x >= left) ends.set(line.label, {name: line.label, colour: line.stroke(u, k), x: Math.min(x, left + width) + 4 * ratio, y});
   });

@@ -82,6 +82,13 @@ def test_every_outcome_has_a_sentence_of_its_own() -> None:
     assert {*LiftOutcome, *TapOutcome} == set(HEADS)
 
 
+def test_an_object_without_a_name_is_called_object(recorded: Path, tmp_path: Path) -> None:
+    run = changed(recorded, tmp_path / "run")
+    result = json.loads((run / RESULT).read_bytes())
+    (run / RESULT).write_text(json.dumps(result | {"object": "unnamed"}))
+    assert "The object was lifted" in run_page(run)
+
+
 def test_html_in_a_foreign_text_is_escaped(recorded: Path, page: str, tmp_path: Path) -> None:
     def rename(message: Message) -> Message:
         topic, t_ns, content = message
