@@ -101,22 +101,23 @@ def campaign_run(args: CampaignRunOptions) -> int:
 
 def show_summary(args: Json, path: Path) -> int:
     with CampaignStore.open(path) as store:
-        found = summarize(store.spec.name, store.rows())
+        found, rig = summarize(store.spec.name, store.rows()), store.rig
     if args.json:
         print_json(found)
     else:
-        print_summary(found)
+        print_summary(found, rig)
     return exits.SUCCESS
 
 
-def print_summary(summary: Summary) -> None:
+def print_summary(summary: Summary, rig: str) -> None:
     width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
     console = Console(width=width, highlight=False)
     for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
         table = Table(
             Column("variant", overflow="fold"), "object", "paper, n = 20", "this",
             "registered after onset, ms", "moved, mm" if scenario == "tap" else "slip, mm",
-            title=TITLES[scenario], caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
+            title=f"{TITLES[scenario]}, rig {rig}",
+            caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
         )  # fmt: skip
         for variant in (v for v in summary.variants if v.scenario == scenario):
             swept = [f"{key} = {value}" for key, value in json.loads(variant.swept).items()]

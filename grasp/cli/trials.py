@@ -255,7 +255,7 @@ def _report_series(
     }  # fmt: skip
     with suppress(OutputClosedError):
         if rows and not args.json:
-            print_summary(table)
+            print_summary(table, config.rig)
         if out is not None and not args.json:
             print(out)
     if failure is not None:

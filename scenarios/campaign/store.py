@@ -169,6 +169,11 @@ class CampaignStore:
             found = self._db.execute("SELECT config_hash, settings FROM configs").fetchall()
             return {k: msgspec.json.decode(str(text), type=dict[str, Any]) for k, text in found}
 
+    @property
+    def rig(self) -> str:
+        """Name of the rig of all trials."""
+        return str(next(iter(self.settings().values()), {}).get("rig", "unknown"))
+
     def finished(self) -> set[int]:
         """Numbers of the trials that finished without an error."""
         return {row.trial for row in self.rows() if row.status == "done"}

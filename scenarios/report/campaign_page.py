@@ -34,7 +34,7 @@ BARS = (
 def campaign_page(file: Path, out: Path) -> str:
     """The page of a campaign's file; links are relative to ``out``. Raises BadFile."""
     with CampaignStore.open(file) as store:
-        spec, rows, settings = store.spec, store.rows(), store.settings()
+        spec, rows, settings, rig = store.spec, store.rows(), store.settings(), store.rig
     sections = [
         _scenario(scenario, [v for v in summarize(spec.name, rows).variants
                              if v.scenario == scenario])
@@ -50,11 +50,10 @@ def campaign_page(file: Path, out: Path) -> str:
     shown = [_failure(spec, row, settings[row.config_hash], file, out)
              for row in failed[:MOST_FAILURES]]  # fmt: skip
     headings = ("trial", "what", "outcome", "seed", "slip, mm", "recording", "again")
-    left_out = len(failed) - len(shown)
-    more = f"{left_out} more are in the file. " if left_out else ""
+    more = f"{len(failed) - len(shown)} more are in the file. " * (len(failed) > len(shown))
     hint = f"{more}`grasp report RECORDING` makes a recording's page; then make this page again."
     table = Table(headings, shown, hint)
-    sections.append(Section(f"Trials that failed ({len(failed)})", [table]))
+    sections += [Section(f"Trials that failed ({len(failed)})", [table])] if failed else []
     errors = sum(row.status == "error" for row in rows)
     versions = dict.fromkeys(row.versions for row in rows if row.versions)
     remarks = [f"{errors} trials ended with an error and count in no rate."] if errors else []
@@ -66,7 +65,7 @@ def campaign_page(file: Path, out: Path) -> str:
           for version in versions),
     ]  # fmt: skip
     return table_page(
-        f"campaign {spec.name}", f"{len(rows)} trials · {', '.join(spec.objects)}",
+        f"campaign {spec.name}", f"rig {rig} · {len(rows)} trials · {', '.join(spec.objects)}",
         _sentence(rows), sections, remarks, origins,
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -69,7 +69,7 @@ def _templates() -> Environment:
 # Plots, which the template `table.html` draws as SVG without scripts
 
 OF_PLOTS = (".chart", ".s0", ".soft", ".limit")  # begin the lines of their style
-LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
+LEFT, RIGHT, TOP, BOTTOM = 44.0, 350.0, 12.0, 164.0
 TICKS = 5
 
 
@@ -91,13 +91,19 @@ class Axis(msgspec.Struct, frozen=True):
     def y(self, value: float) -> float:
         return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
 
-    def ticks(self) -> list[float]:
-        """About five round numbers."""
+    def ticks(self, beyond: float = 1e-9) -> list[float]:
+        """About five round numbers, also those less than ``beyond`` steps outside the axis."""
         rough = (self.high - self.low) / TICKS
         unit = 10.0 ** math.floor(math.log10(rough))
         step = next(m * unit for m in (1.0, 2.0, 5.0, 10.0) if m * unit >= rough * 0.999)
-        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        first, last = math.ceil(self.low / step - beyond), math.floor(self.high / step + beyond)
         return [i * step for i in range(first, last + 1)]
+
+    def rounded(self) -> Self:
+        """The axis extended until a tick is at each end."""
+        low, *_, high = self.ticks(1.0 - 1e-9)
+        axis = type(self)(self.label, low, high)
+        return axis if axis == self else axis.rounded()
 
 
 class Mark(msgspec.Struct, frozen=True):

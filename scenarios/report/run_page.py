@@ -13,10 +13,11 @@ from drivers.interfaces import FINGER_NAMES
 from grasp.control.commands import describe
 from grasp.control.fault import lines
 from grasp.control.states import State
+from scenarios.campaign.config import UNNAMED
 from scenarios.report.page import Cell, Table, cells, render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import Setting, command_of, object_file, settings_of
-from scenarios.report.run_view import Bound, View, bound_of, decided, facts, page_data
+from scenarios.report.run_view import PHASE_NAMES, Bound, View, bound_of, decided, facts, page_data
 from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RECORDING, find_recording
 
@@ -154,9 +155,10 @@ def _phase_table(run: RunRecord) -> Table:
     begins = [change.t_ns * 1e-9 for change in run.phases]
     ends = [*begins[1:], float(run.t_s[-1])]
     rows = [
-        [Cell(at_s=t), *cells(change.phase, f"{max(0.0, end - t):.2f}", change.cause)]
+        [Cell(at_s=t), Cell(PHASE_NAMES.get(change.phase, change.phase), change.phase),
+         *cells(f"{max(0.0, end - t):.2f}", change.cause)]
         for change, t, end in zip(run.phases, begins, ends, strict=True)
-    ]
+    ]  # fmt: skip
     return Table(("s", "phase", "lasted, s", "cause"), rows)
 
 
@@ -269,7 +271,8 @@ def sentence(run: RunRecord) -> str:
     if verdict is None:
         return "No verdict: the run has no readable result."
     head = HEADS.get(verdict.outcome, spelt(verdict.outcome).capitalize())
-    texts = [head.format(it=verdict.object.replace("_", " "))]
+    name = "object" if verdict.object == UNNAMED else verdict.object.replace("_", " ")
+    texts = [head.format(it=name)]
     if (rise_mm := 1e3 * (_top_m(run) - run.arm_m[_lift_step(run), 2])) >= 1.0:
         texts[0] = texts[0].replace(" lifted", f" lifted {rise_mm:.0f} mm")
     onset_s, late_ms = verdict.slip_onset_s, verdict.detection_latency_ms
@@ -313,5 +316,5 @@ def remarks(run: RunRecord) -> list[str]:
         if verdict.end.unconfirmed:
             texts.append(f"Not confirmed: {', '.join(verdict.end.unconfirmed)}.")
     if run.truth is None:
-        texts.append("True forces, slip and height are not known on this rig.")
+        texts.append("True forces, height and the moment of slip are not known on this rig.")
     return texts

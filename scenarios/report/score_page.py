@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from detector.decision import RuleSettings
 from detector.scores.figures import Figure
@@ -33,7 +32,7 @@ from scenarios.report.page import (
 )
 from scenarios.report.run_view import in_words
 
-SHOWN_MS, END_MS = 300.0, 350.0  # between them: what is later, or never
+SHOWN_MS, END_MS = 300.0, 390.0  # between them: what is later, or never
 DELAY = "median delay, ms (grey: later or never)"
 SCORE_AXIS = "score (0: silence, 100: oracle)"
 MEANING = (
@@ -53,10 +52,11 @@ def score_page(path: Path) -> str:
     file, costs = read_scores(path)
     if file.source.version is None:
         return _evaluation_page(file)
+    by_score = list({id(row.of): row.of for row in ranked(file)}.values())
     sections = [
         Section("Result", [results_table(file, costs)], [_plot(file)]),
-        *(topic.section(file.detectors) for topic in TOPICS),
-        Section("Run it again", code=file.command),
+        *(Section(title, [_table(by_score, *topic)]) for title, topic in TOPICS.items()),
+        *([Section("Run it again", code=file.command)] if file.command else []),
     ]  # fmt: skip
     return table_page(
         "benchmark", f"version {file.source.version} · split {file.source.split}"
@@ -70,16 +70,13 @@ def _evaluation_page(file: ScoreFile) -> str:
         Section(f"Worst misses of {each.detector}: {_missed(trace)}", (), _plots(trace, each.rule))
         for each in file.detectors for trace in each.worst
     ]  # fmt: skip
-    again = Section(
-        "Run it again", code=file.command,
-        hint=f"{_hashes(file)} Shaded above: labelled slip. Pressure: sum of a fingertip's taxels "
-        "minus its mean before slip.",
-    )  # fmt: skip
+    scores = Section("Scores", [_table(file.detectors, *EVALUATION)])
+    again = Section("Run it again", code=file.command, hint=_hashes(file))
     versions = ", ".join(f"{name} {text}" for name, text in sorted(file.versions.items()))
     samples = number(file.detectors[0].figures.get("samples", NONE), 0)
     return table_page(
         f"evaluation on {file.source.data}", f"label {file.source.label} · {samples} samples",
-        _best(file), [EVALUATION.section(file.detectors), *worst, again], origins=[versions],
+        _best(file), [scores, *worst, again], origins=[versions],
     )  # fmt: skip
 
 
@@ -88,16 +85,14 @@ def _evaluation_page(file: ScoreFile) -> str:
 
 def sentence(file: ScoreFile) -> str:
     """The best row, and whether it is better than the best row of another detector."""
-    rows = ranked(file)
-    first = rows[0]
-    second = next((row for row in rows if row.of is not first.of), None)
+    first, *others = ranked(file)
+    second = next((row for row in others if row.of is not first.of), None)
     text = f"{first.name}: score {percent(first.point.score)} {between(first.point.score)}"
     if second is None:
         return f"{text}."
-    f = second.behind
-    by = f"{percent(f)} {between(f, digits=1)}"
-    if not resolved(f):
-        return f"{text}. Not resolved: {second.name} is {by} behind."
+    by = f"{percent(second.behind)} {between(second.behind, digits=1)}"
+    if not resolved(second.behind):
+        return f"{text}. Not told apart from it: {second.name}, {by} behind."
     return f"Best of {len(file.detectors)} detectors: {text}. {second.name} is {by} behind."
 
 
@@ -148,13 +143,13 @@ def _plot(file: ScoreFile) -> Plot:
         name = f"{', '.join(m.text for m in marks)}: {Path(each.detector).name}"
         curves.append(Curve(name, places(by_threshold(each), line, n), marks=marks))
     if known:
-        curves.append(Curve("oracle, that late", places(known.oracle, n, n), "soft"))
+        curves.append(Curve("oracle with this delay", places(known.oracle, n, n), "soft"))
     curves.append(Curve("never registers", [(0.0, 0.0), (END_MS, 0.0)], "limit"))
     lowest = min(y for curve in curves for _, y in curve.points)
     return Plot(
         "Score of slip detectors over their delay", Axis(DELAY, 0.0, END_MS),
-        Axis(SCORE_AXIS, 10.0 * math.floor(lowest / 10.0), 100.0), curves, [(SHOWN_MS, END_MS)],
-        "dot: own rule; ring: best threshold; line: others; number: rank",
+        Axis(SCORE_AXIS, lowest, 100.0).rounded(), curves, [(SHOWN_MS, END_MS)],
+        "best: upper left; line: thresholds; dot: own rule; ring: best one",
     )  # fmt: skip
 
 
@@ -170,7 +165,7 @@ def score_svg(file: ScoreFile) -> str:
 # Tables
 
 
-def _table(every: Sequence[DetectorScores], columns: Columns, hint: str = "") -> Table:
+def _table(every: Sequence[DetectorScores], columns: Columns, hint: str) -> Table:
     rows = [
         [Cell(d.detector, in_words(d.rule)), *(made(d) for made in columns.values())]
         for d in every
@@ -251,25 +246,16 @@ def _pairs(one: str, other: str) -> Callable[[DetectorScores], Cell]:
     )  # fmt: skip
 
 
-class Topic(NamedTuple):
-    """A section with one table, a row for each detector."""
-
-    title: str
-    columns: Columns
-    hint: str
-
-    def section(self, every: Sequence[DetectorScores]) -> Section:
-        return Section(self.title, [_table(every, self.columns, self.hint)])
-
-
-TOPICS = (
-    Topic("Lifts", {"by result": _causes}, "Number of lifts with its own rule."),
-    Topic("Recordings", {
+TOPICS: dict[str, tuple[Columns, str]] = {
+    "Lifts": ({"by result": _causes}, "Number of lifts with its own rule. Right: the object is "
+              "held and whole, slip was not registered before it began, and no slip of 2 mm or "
+              "more was missed."),
+    "Recordings": ({
         "slip that lasts: reported, %": _shares("sustained"),
         "registered without slip, % of that time": _shares("lingering"),
     }, "With its own rule. Slip that lasts: from 0.2 s to 2 s after the onset."),
-)  # fmt: skip
-EVALUATION = Topic("Scores", {
+}  # fmt: skip
+EVALUATION: tuple[Columns, str] = ({
     "AUC": _values("auc", 3),
     "accuracy, %": _shares("accuracy"),
     "calibration error": _values("ece", 3),
@@ -313,12 +299,12 @@ def _value(f: Figure, digits: int = 1) -> Cell:
 
 def percent(f: Figure) -> str:
     """A share in per cent."""
-    return "–" if f.value is None else f"{100 * f.value:.1f}"
+    return "–" if f.value is None else f"{100 * f.value:z.1f}"
 
 
 def number(f: Figure, digits: int = 1) -> str:
     """A value in its unit."""
-    return "–" if f.value is None else f"{f.value:.{digits}f}"
+    return "–" if f.value is None else f"{f.value:z.{digits}f}"
 
 
 def between(f: Figure, scale: float = 100.0, digits: int = 0) -> str:
@@ -326,7 +312,7 @@ def between(f: Figure, scale: float = 100.0, digits: int = 0) -> str:
     if f.low is None or f.high is None:
         return ""
     low, high = (
-        f"{scale * x:.{digits}f}" if math.isfinite(x) else "never" for x in (f.low, f.high)
+        f"{scale * x:z.{digits}f}" if math.isfinite(x) else "never" for x in (f.low, f.high)
     )
     return f"({low} to {high})"
 
@@ -353,9 +339,9 @@ def _missed(trace: SlipTrace) -> str:
 
 
 def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
-    time = Axis("s from onset", -BEFORE_S, AFTER_S)
-    values = [value for finger in trace.pressed for value in finger]
-    counts = Axis("counts above the mean before slip", min([*values, -1.0]), max([*values, 1.0]))
+    time = Axis("time from the onset of slip, s", -BEFORE_S, AFTER_S)
+    values = [-1.0, 1.0, *(value for finger in trace.pressed for value in finger)]
+    counts = Axis("pressure, counts", min(values), max(values)).rounded()
     names = ("A", "B", "C") if len(trace.pressed) > 1 else ("fingertip",)
     pressed = [
         Curve(name, list(zip(trace.t_s, finger, strict=True)), style=f"finger{i}")
@@ -366,8 +352,8 @@ def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
     if rule.kind == "consecutive":  # the limit of a sum has another scale
         ends = [(-BEFORE_S, rule.threshold), (AFTER_S, rule.threshold)]
         curves.append(Curve(f"threshold {rule.threshold:g}", ends, style="limit"))
-    probability = Axis("probability", 0.0, 1.0)
+    hint = "sum of the taxels, less its mean before the slip. Shaded: labelled slip"
     return [
-        Plot("Pressure", time, counts, pressed, trace.slipping),
-        Plot("Slip", time, probability, curves, trace.slipping),
+        Plot("Pressure", time, counts, pressed, trace.slipping, hint),
+        Plot("Slip", time, Axis("probability", 0.0, 1.0), curves, trace.slipping),
     ]

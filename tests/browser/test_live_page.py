@@ -45,10 +45,15 @@ def test_page_follows_a_run_and_keeps_its_last_instant(
     with Chromium(tmp_path) as page:
         page.call("Page.navigate", url=live.feed.address)
         until(page, "document.documentElement?.dataset.ready")
+        assert page.text("#state") == "waiting for the first sample"
+        empty = "getComputedStyle(document.querySelector('.state')).visibility"
+        assert page.value(empty) == "hidden"
         list(run_series(lift, config, [0], TrialContext(None, watch=watch)))
         until(page, "document.documentElement.dataset.rows > 100")
-        live.feed.say("it was held")
-        until(page, "document.getElementById('note').textContent === 'it was held'")
+        assert page.value(empty) == "visible"
+        live.feed.say("seed 0    held  slipped   1.0 mm")
+        until(page, "document.getElementById('note').textContent")
+        assert " ".join(page.text("#note").split()) == "seed 0, held, slipped 1.0 mm"
         at = float(page.text("#clock").removesuffix(" s"))
         tick, truth = min(shown, key=lambda each: abs(each[0].t_ns * 1e-9 - at))
         for i, finger in enumerate("ABC"):

@@ -175,3 +175,26 @@ def test_controls_of_a_phone_stay_visible_and_fit_a_finger(lifted: Path, browser
     assert len(boxes) == 6
     for top, bottom, wide in boxes:
         assert top >= 0 and bottom < 370 and bottom - top >= 40 and wide >= 40
+
+
+def test_lines_differ_by_more_than_their_colour(lifted: Path, browser: Chromium) -> None:
+    """The legend's limits are dashed, and each finger is named to the right of its curves."""
+    browser.open(lifted / "report.html")
+    legend = "getComputedStyle(document.querySelector('#legend-{} .limit')).borderTopStyle"
+    for plot in ("force", "probability"):
+        assert browser.value(legend.format(plot)) == "dashed"
+        drawn = browser.value(
+            f"(() => {{ const c = document.querySelector('#plot-{plot} canvas');"
+            f"const o = document.querySelector('#plot-{plot} .u-over');"
+            "const right = (o.offsetLeft + o.offsetWidth) * devicePixelRatio + 2;"
+            "const d = c.getContext('2d').getImageData(right, 0, c.width - right, c.height).data;"
+            "return d.filter((v, k) => k % 4 === 3 && v > 0).length; })()"
+        )
+        assert drawn > 3 * 15
+
+
+def test_slip_is_not_shown_where_nothing_is_touched(lifted: Path, browser: Chromium) -> None:
+    browser.open(lifted / "report.html")
+    assert browser.text("#ruler .reading") == ""
+    browser.press("End")
+    assert browser.text("#ruler .reading") == "no contact"

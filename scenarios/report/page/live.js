@@ -44,7 +44,7 @@ function followRun() {
     line.textContent = text;
     at("notes").prepend(line);
     while (at("notes").childElementCount > MAX_NOTES) at("notes").lastChild.remove();
-    at("note").textContent = text;
+    at("note").textContent = text.replace(/ {2,}(?=[a-z])/g, ", ");
   }
 
   function take(messages) {

@@ -65,7 +65,7 @@ function makePlayer() {
     at("phase").textContent = phase;
     if (!series.status) return;
     const status = series.status[0][i];
-    at("status").textContent = !(status & 1) ? "not monitored" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (masked: the hand closes)" : ""}`;
+    at("status").textContent = !(status & 1) ? "not monitored" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (masked)" : ""}`;
     at("status").className = status & 4 ? "registered" : "";
     if (!series.slip) return;
     const aside = series.across[0][i] * 1e3;

@@ -6,6 +6,7 @@ const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // time range around the selected instant when zoomed in
 const ROW_PX = 13; // height of a mark's name
 const MARKS_PX = 3 * ROW_PX + 4; // room above the first plot, so that no name covers a curve
+const NAMES_PX = 16; // room to the right of the plots for the names of the fingers
 const HEIGHTS = {force: 210 + MARKS_PX, probability: 150, decided: 130, reported: 110, slip: 120};
 
 // Lines have functions as values, because a run in progress grows.
@@ -22,15 +23,15 @@ function makePlots(series, seek) {
     const options = {
       width: holder.clientWidth,
       height: HEIGHTS[name],
-      padding: [name === "force" ? MARKS_PX : null, null, null, null],
+      padding: [name === "force" ? MARKS_PX : null, NAMES_PX, null, null],
       legend: {show: false},
       cursor: {points: {show: false}, y: false, drag: {x: true, y: false}, focus: {prox: -1}},
       scales: {x: {time: false}, y: {range: bounds}},
       axes: [axis({values: (u, ticks) => ticks.map((t) => `${+t.toFixed(3)}`), size: 26}), axis({size: AXIS_PX})],
       series: [{}, ...lines.map((line) => ({
-        stroke: () => colour(line.colour), width: line.width || 1.5, dash: line.dash, points: {show: false},
+        label: line.name, stroke: () => colour(line.colour), width: line.width || 1.5, dash: line.dash, points: {show: false},
       }))],
-      hooks: {drawClear: draw, setScale: [(u, key) => key === "x" && share(u)], draw: [drawMarks]},
+      hooks: {drawClear: draw, setScale: [(u, key) => key === "x" && share(u)], draw: [drawMarks, drawNames]},
     };
     drawn[name] = () => [times(), ...lines.map((line) => shown(line.values()))];
     const plot = new uPlot(options, drawn[name](), holder);
@@ -219,6 +220,32 @@ function drawMarks(u) {
     const right = x < left + 110 * ratio;
     u.ctx.textAlign = right ? "left" : "right";
     u.ctx.fillText(mark.name, x + (right ? 4 : -4) * ratio, y);
+  });
+  u.ctx.restore();
+}
+
+// The name of each finger at the end of its curve, so that colour alone does not tell them apart.
+function drawNames(u) {
+  const {left, width, top, height} = u.bbox, ratio = devicePixelRatio || 1, [, last] = u.series[0].idxs;
+  const ends = new Map(); // the true force, drawn last, replaces the estimate
+  u.series.forEach((line, k) => {
+    if (!data.fingers.includes(line.label)) return;
+    let i = last;
+    while (i > 1 && (u.data[k][i] === null || u.data[k][i - 1] === null)) i--; // a lone point draws no line
+    const x = u.valToPos(u.data[0][i], "x", true), y = u.valToPos(u.data[k][i], "y", true);
+    if (u.data[k][i] !== null && x >= left) ends.set(line.label, {name: line.label, colour: line.stroke(u, k), x: Math.min(x, left + width) + 4 * ratio, y});
+  });
+  u.ctx.save();
+  u.ctx.font = `600 ${11 * ratio}px system-ui, sans-serif`;
+  u.ctx.textAlign = "left";
+  u.ctx.textBaseline = "middle";
+  // from bottom to top, each above the one below
+  let free = top + height;
+  [...ends.values()].sort((a, b) => b.y - a.y).forEach(({name, colour, x, y}) => {
+    free = Math.min(y, free);
+    u.ctx.fillStyle = colour;
+    u.ctx.fillText(name, x, free);
+    free -= 11 * ratio;
   });
   u.ctx.restore();
 }

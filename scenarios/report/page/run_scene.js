@@ -276,9 +276,10 @@ function makeRuler(series) {
   const label = svg("text", {x: 132, y: 20, class: "reading"}, root);
   return (i) => {
     const mm = series.slip[0][i] * MM, speed = series.slip_speed[0][i];
-    const slipping = Math.abs(speed) > SLIPPING_MPS;
-    set(surface, {transform: `translate(0 ${tall / 2 + mm * zoom})`, class: slipping ? "surface slipping" : "surface"});
-    label.textContent = slipping ? `${(speed * MM).toFixed(0)} mm/s` : "";
+    const touched = series.true.some((finger) => finger[i] > TOUCH_N);
+    const slipping = touched && Math.abs(speed) > SLIPPING_MPS;
+    set(surface, {opacity: touched ? 1 : 0.3, transform: `translate(0 ${tall / 2 + mm * zoom})`, class: slipping ? "surface slipping" : "surface"});
+    label.textContent = !touched ? "no contact" : slipping ? `${(speed * MM).toFixed(0)} mm/s` : "";
   };
 }
 

@@ -127,6 +127,10 @@ def test_a_folder_keeps_the_detectors_of_earlier_benchmarks_of_the_same_protocol
         assert benchmark(*words, "--out", str(tmp_path)) == 0
     assert measured(tmp_path) == ["psd-fair", "energy"]
     path = tmp_path / SCORES
+    ranks, lifts, *_ = score_page(path).split("<tbody>")[1:]
+    assert "Right: the object is held and whole" in lifts
+    first = min(("psd-fair", "energy"), key=ranks.index)
+    assert min(("psd-fair", "energy"), key=lifts.index) == first
     path.write_text(path.read_text().replace('"version":3', '"version":2', 1))
     with locked(tmp_path / ".lock", 0o600, lambda _: GraspError("held")):
         assert benchmark("energy", "--out", str(tmp_path)) == 2

@@ -74,9 +74,14 @@ def test_errors_are_counted_separately_from_failures() -> None:
     assert (cell.trials, cell.successes, cell.errors, summary.errors) == (2, 1, 1, 1)
 
 
+def test_table_names_the_rig_that_ran(capsys: pytest.CaptureFixture[str]) -> None:
+    print_summary(summarize("x", [row(0, "ball", "held")]), "emulated")
+    assert capsys.readouterr().out.splitlines()[0].strip() == "object lift, rig emulated"
+
+
 def test_all_swept_settings_are_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
     swept = '{"loop.decision_delay_s":0.02,"controller.closing_speed_mps":[0.05,0.1]}'
-    print_summary(summarize("x", [row(0, "ball", "held", swept=swept)]))
+    print_summary(summarize("x", [row(0, "ball", "held", swept=swept)]), "simulated")
     shown = capsys.readouterr().out
     assert "loop.decision_delay_s = 0.02" in shown
     assert "controller.closing_speed_mps = [0.05, 0.1]" in shown

@@ -96,6 +96,15 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
         assert f"--seed {row.seed}" in command and row.object in command
 
 
+def test_the_rig_is_named_and_failures_are_listed_only_where_there_are_some(
+    tmp_path: Path, page: str
+) -> None:
+    facts = r'<p class="what">campaign small <span>· rig simulated · '
+    assert re.search(facts, page) and "<h2>Trials that failed" in page
+    file = made(tmp_path / "small.sqlite", SPEC, status="done", success=True, outcome="held")
+    assert "<h2>Trials that failed" not in campaign_page(file, file.with_suffix(".html"))
+
+
 def test_html_in_a_foreign_text_is_escaped(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page

@@ -74,10 +74,19 @@ def test_the_first_screen_has_no_word_of_code(page: str) -> None:
     assert not re.findall(r"\w+_\w+|\b[a-z]{2,}\.[a-z]{2,}|[{}]", words)
     assert set(data_of(page)["phase_names"]) == set(State)
     assert not re.search(r"[._]", " ".join(data_of(page)["phase_names"].values()))
+    phases = page.split("<h2>Phases</h2>")[1].split("</table>", maxsplit=1)[0]
+    assert re.search(r"thumb closes\s*<small>grasp.close</small>", phases)
 
 
 def test_every_outcome_has_a_sentence_of_its_own() -> None:
     assert {*LiftOutcome, *TapOutcome} == set(HEADS)
+
+
+def test_an_object_without_a_name_is_called_object(recorded: Path, tmp_path: Path) -> None:
+    run = changed(recorded, tmp_path / "run")
+    result = json.loads((run / RESULT).read_bytes())
+    (run / RESULT).write_text(json.dumps(result | {"object": "unnamed"}))
+    assert "The object was lifted" in run_page(run)
 
 
 def test_html_in_a_foreign_text_is_escaped(recorded: Path, page: str, tmp_path: Path) -> None:

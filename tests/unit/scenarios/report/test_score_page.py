@@ -1,13 +1,16 @@
 """The page of an evaluation: its scores and its worst misses."""
 
+import re
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from scenarios.benchmark.score_file import ScoreFile, Source, write_scores
 from scenarios.benchmark.scoring import contender
 from scenarios.benchmark.slips import evaluated
-from scenarios.report.page import BOTTOM, LEFT, RIGHT, TOP
+from scenarios.report.page import BOTTOM, LEFT, RIGHT, TOP, Axis, Curve, Mark, Plot, plot_svg
 from scenarios.report.score_page import score_page
 from tests.unit.detector.toy_recordings import toys
 
@@ -50,3 +53,23 @@ def test_an_undefined_figure_is_a_dash_and_the_best_detectors_are_named(tmp_path
     page = score_page(path)
     assert "energy has the highest AUC (0.800); psd-fair detected most slips, 3 of 4." in page
     assert "<td>75.0" in page and "<td>–" in page
+
+
+@pytest.mark.parametrize(("low", "high"), [(-37.0, 495.0), (-1.0, 201.0), (-79.1, 100.0), (0, 1)])
+def test_a_rounded_axis_has_a_tick_at_each_end_and_every_value_between(
+    low: float, high: float
+) -> None:
+    axis = Axis("", low, high).rounded()
+    assert axis.low <= low and axis.high >= high
+    first, *_, last = axis.ticks()
+    assert (first, last) == (axis.low, axis.high)
+
+
+def test_numbers_of_points_at_one_place_do_not_cover_each_other() -> None:
+    marks = [Mark(30.0, score, str(i), score, score) for i, score in enumerate((62, 60, 58.5, 58))]
+    curves = [Curve(mark.text, [(30.0, mark.y)], marks=[mark]) for mark in marks]
+    drawn = plot_svg(Plot("", Axis("", 0.0, 400.0), Axis("", 0.0, 100.0), curves))
+    numbers = re.findall(r'<text class="mark" x="([\d.]+)" y="([\d.]+)">\d<', drawn)
+    heights = [float(y) for x, y in numbers if float(x) < LEFT + 40.0][: len(marks)]
+    assert len(heights) == len(marks)
+    assert all(below - above >= 9.9 for above, below in pairwise(sorted(heights)))
