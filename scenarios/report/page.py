@@ -74,11 +74,13 @@ TICKS = 5
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """An axis from ``low`` to ``high``; values outside are drawn at its ends."""
+    """An axis from ``low`` to ``high``; values outside are drawn at its ends. No tick is beyond
+    ``last_tick``."""
 
     label: str
     low: float
     high: float
+    last_tick: float = math.inf
 
     def share(self, value: float) -> float:
         """Position of a value, from 0 at ``low`` to 1 at ``high``."""
@@ -97,7 +99,7 @@ class Axis(msgspec.Struct, frozen=True):
         unit = 10.0 ** math.floor(math.log10(rough))
         step = next(m * unit for m in (1.0, 2.0, 5.0, 10.0) if m * unit >= rough * 0.999)
         first, last = math.ceil(self.low / step - beyond), math.floor(self.high / step + beyond)
-        return [i * step for i in range(first, last + 1)]
+        return [i * step for i in range(first, last + 1) if i * step <= self.last_tick]
 
     def rounded(self) -> Self:
         """The axis extended until a tick is at each end."""

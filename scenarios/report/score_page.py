@@ -32,7 +32,7 @@ from scenarios.report.page import (
 )
 from scenarios.report.run_view import in_words
 
-SHOWN_MS, END_MS = 300.0, 390.0  # between them: what is later, or never
+SHOWN_MS, END_MS = 300.0, 498.0  # between them: what is later, or never
 DELAY = "median delay, ms (grey: later or never)"
 SCORE_AXIS = "score (0: silence, 100: oracle)"
 MEANING = (
@@ -147,7 +147,7 @@ def _plot(file: ScoreFile) -> Plot:
     curves.append(Curve("never registers", [(0.0, 0.0), (END_MS, 0.0)], "limit"))
     lowest = min(y for curve in curves for _, y in curve.points)
     return Plot(
-        "Score of slip detectors over their delay", Axis(DELAY, 0.0, END_MS),
+        "Score of slip detectors over their delay", Axis(DELAY, 0.0, END_MS, SHOWN_MS),
         Axis(SCORE_AXIS, lowest, 100.0).rounded(), curves, [(SHOWN_MS, END_MS)],
         "best: upper left; line: thresholds; dot: own rule; ring: best one",
     )  # fmt: skip
