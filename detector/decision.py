@@ -1,6 +1,7 @@
 """Decision rules that turn slip probabilities, sample by sample, into registered slip events."""
 
 import math
+from operator import or_
 from typing import Annotated, Literal
 
 import msgspec
@@ -10,14 +11,15 @@ from numpy.typing import NDArray
 
 MAX_LOG_ODDS = 7.0  # an error in a thousand samples: no detector is calibrated beyond that
 MIN_PROBABILITY = 1.0 / (1.0 + math.exp(MAX_LOG_ODDS))
+UNUSED = {"consecutive": {"drift", "limit"}, "cusum": {"consecutive"}, "either": set[str]()}
 
 
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Evidence that starts a slip event, and quiet samples that end it."""
 
     kind: Annotated[
-        Literal["consecutive", "cusum"],
-        Meta(description="count samples above threshold (paper), or sum log-odds (Page 1954)"),
+        Literal["consecutive", "cusum", "either"],
+        Meta(description="count samples above threshold (paper), sum log-odds (Page), or either"),
     ] = "consecutive"
     fusion: Annotated[
         Literal["any", "mean"],
@@ -30,10 +32,10 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts as slip")
     ] = 0.5  # the class border of the paper's two-way softmax
     drift: Annotated[
-        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds subtracted from every sample's")
+        float, Meta(ge=-5.0, le=20.0, description="sum: log-odds subtracted from every sample's")
     ] = 0.0
     limit: Annotated[
-        float, Meta(gt=0.0, le=200.0, description="cusum: summed log-odds that register slip")
+        float, Meta(gt=0.0, le=200.0, description="sum: log-odds that register slip")
     ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
         int,
@@ -51,7 +53,7 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     @property
     def unused(self) -> frozenset[str]:
         """Settings that this kind of rule does not use."""
-        return frozenset({"drift", "limit"} if self.kind == "consecutive" else {"consecutive"})
+        return frozenset(UNUSED[self.kind])
 
 
 class DecisionRule:
@@ -59,8 +61,8 @@ class DecisionRule:
 
     ``consecutive``: an event starts after so many samples in a row above the threshold. ``cusum``:
     it starts when the sum of log-odds minus drift, never below zero, exceeds the limit (Page's
-    test). It ends after ``release`` samples in a row at or below ``quiet`` on all fingers; sums
-    then restart.
+    test). ``either``: by any of the two; the sum finds slip of low probability that lasts. It ends
+    after ``release`` samples in a row at or below ``quiet`` on all fingers; sums then restart.
 
     With fusion ``mean`` the rule uses the mean log-odds of all fingers, and the event is assigned
     to the finger with the highest probability.
@@ -89,7 +91,9 @@ class DecisionRule:
         p = [_mean_probability(probabilities)] if self._mean else probabilities
         above = [each > self.threshold for each in p]
         self._quiet = 0 if any(each > self._quiet_at for each in p) else self._quiet + 1
-        registering = self._sum(p) if self.settings.kind == "cusum" else self._count(above)
+        registering = [False] * len(p) if self.settings.kind == "cusum" else self._count(above)
+        if self.settings.kind != "consecutive":
+            registering = list(map(or_, registering, self._sum(p)))
         if any(registering):
             self.registered = True
         elif self._quiet >= self.settings.release:
@@ -166,10 +170,11 @@ def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDA
     """`registered_events` for the result of `fused`."""
     above = np.greater(probabilities, settings.threshold)
     quiet = _quiet(np.greater(probabilities, settings.quiet_at), settings.release)
-    if settings.kind == "cusum":
-        registering = _any(cusum(probabilities, settings) > settings.limit)
-    else:
-        registering = _any(_run_lengths(above) >= settings.consecutive)
+    registering = np.zeros(len(probabilities), np.bool_)
+    if settings.kind != "cusum":
+        registering |= _any(_run_lengths(above) >= settings.consecutive)
+    if settings.kind != "consecutive":
+        registering |= _any(cusum(probabilities, settings) > settings.limit)
     starts = _first_of_each(registering, quiet)
     ends = np.append(_first_of_each(quiet, registering), len(probabilities))
     return np.column_stack([starts, ends[np.searchsorted(ends, starts)]])

@@ -12,7 +12,7 @@ from grasp.control.commands import BeginRest, Command, HoldFingers, MoveFingers,
 from grasp.control.compensation import Compensation
 from grasp.control.contact_estimator import ContactEstimator
 from grasp.control.controller_settings import ControllerSettings, GripPlan
-from grasp.control.fault import FINGERTIPS, Fault, lines
+from grasp.control.fault import FINGERTIPS, Fault
 from grasp.control.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.control.monitors.checks import implausible
 from grasp.control.monitors.run import RunMonitor
@@ -101,11 +101,6 @@ class GraspController:
     @property
     def in_safe_state(self) -> bool:
         return self._supervisor is not None
-
-    @property
-    def fault_cause(self) -> str:
-        """Why the run ended early, in one line; empty if it did not."""
-        return lines(self.faults)
 
     @property
     def later_faults(self) -> tuple[Fault, ...]:

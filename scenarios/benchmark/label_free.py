@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.decision import log_odds
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import stream
 from detector.scores.label_free import MARGIN_SAMPLES, CalibratedRule, calibrate_rule, find_hold
@@ -52,7 +53,8 @@ def tune_without_labels(
     config: TrialConfig, recorded: Iterable[tuple[Counts, slice, float]], budget_per_min: float
 ) -> CalibratedRule:
     """Calibrate the configured rule on results of ``read_hold``. The threshold is never below the
-    configured one, because a hold has no closing, no lifting and no taps."""
+    configured one, because a hold has no closing, no lifting and no taps. The drift rises with it.
+    """
     holds, loads = [], []
     for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])
@@ -60,8 +62,10 @@ def tune_without_labels(
         loads.append(load)
     configured = config.rule
     calibrated = calibrate_rule(holds, configured, budget_per_min, min(loads))
+    threshold = max(configured.threshold, calibrated.rule.threshold)
+    low, high = log_odds(np.array([configured.threshold, threshold]))
     higher = msgspec.structs.replace(
-        configured, threshold=max(configured.threshold, calibrated.rule.threshold),
+        configured, threshold=threshold, drift=configured.drift + float(high - low),
         limit=max(configured.limit, calibrated.rule.limit),
     )  # fmt: skip
     return msgspec.structs.replace(calibrated, rule=higher)

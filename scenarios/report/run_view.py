@@ -52,7 +52,7 @@ class View(msgspec.Struct, frozen=True):
 
 def bound_of(settings: RuleSettings) -> Bound:
     """The limit of a decision rule."""
-    probable, together = settings.kind == "consecutive", settings.fusion == "mean"
+    probable, together = settings.kind != "cusum", settings.fusion == "mean"
     if probable:
         label = "all fingers, mean of log-odds" if together else "each finger"
     else:
@@ -71,7 +71,7 @@ def decided(settings: RuleSettings, probabilities: Floats, armed: Flags, masked:
     # the rule does not get the sample that armed the monitor
     used = armed & np.roll(armed, 1) & ~masked
     used[:1] = False
-    if settings.kind == "consecutive":
+    if settings.kind != "cusum":
         return values
     sums = np.full(values.shape, np.nan)
     edges = np.flatnonzero(np.diff(used, prepend=False, append=False))
@@ -82,19 +82,16 @@ def decided(settings: RuleSettings, probabilities: Floats, armed: Flags, masked:
 
 def in_words(settings: RuleSettings) -> str:
     """The condition of the rule, in words."""
-    together = settings.fusion == "mean"
-    who = "the mean of the fingers' log-odds" if together else "a finger"
-    if settings.kind == "cusum":
-        return (
-            f"slip is registered when the summed log-odds of {who} pass {settings.limit:g} "
-            f"(less {settings.drift:g} a sample)"
-        )
+    mean = "the mean of the fingers' log-odds"
+    one, odds = "a finger", "the log-odds of a finger"
+    if settings.fusion == "mean":
+        one, odds = f"the probability by {mean}", mean
     row = "one sample" if settings.consecutive == 1 else f"{settings.consecutive} samples in a row"
-    who = f"the probability by {who}" if together else who
-    return (
-        f"slip is registered when {who} stays above {settings.threshold:g} for {row}, and ends "
-        f"after {settings.release} below {f'{settings.quiet_at:g}' if settings.quiet else 'it'}"
-    )
+    count = f"{one} stays above {settings.threshold:g} for {row}"
+    total = f"{odds}, summed above {settings.drift:g}, passes {settings.limit:g}"
+    when = {"consecutive": count, "cusum": total, "either": f"{count}, or {total}"}[settings.kind]
+    quiet = f"{settings.quiet_at:g}" if settings.quiet or settings.kind == "cusum" else "it"
+    return f"slip is registered when {when}, and ends after {settings.release} below {quiet}"
 
 
 def taxels_of(config: TrialConfig) -> int:

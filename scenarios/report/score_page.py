@@ -349,7 +349,7 @@ def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
     ]
     points = list(zip(trace.t_s, trace.probabilities, strict=True))
     curves = [Curve("probability", points, style="ink")]
-    if rule.kind == "consecutive":  # the limit of a sum has another scale
+    if rule.kind != "cusum":  # the limit of a sum has another scale
         ends = [(-BEFORE_S, rule.threshold), (AFTER_S, rule.threshold)]
         curves.append(Curve(f"threshold {rule.threshold:g}", ends, style="limit"))
     hint = "sum of the taxels, less its mean before the slip. Shaded: labelled slip"

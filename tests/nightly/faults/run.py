@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from drivers.interfaces import FINGERS, Vector3
+from grasp.control.fault import lines
 from grasp.control.states import END_STATES, SAFE_STATES, State
 from grasp.run.loop import Tick
 from scenarios.campaign.config import load_config
@@ -303,7 +304,7 @@ def _run(moment: Moment) -> Ended:
         case=case, injected_in=injected_in, taken=taken,
         then_taken=then_taken,
         taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
-        outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
+        outcome=outcome, phase=_phase(trial), cause=lines(trial.controller.faults),
         timed_out=bool(_codes(trial) & {"run_timeout", "phase_timeout"}),
         message="" if failure is None else failure.message,
         arm=said.arm, hand=said.hand, advice=said.advice, unconfirmed=said.unconfirmed,

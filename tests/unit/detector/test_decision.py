@@ -39,6 +39,7 @@ def test_default_is_the_paper_s_rule() -> None:
 def test_each_kind_of_rule_lists_its_unused_settings() -> None:
     assert RuleSettings(kind="consecutive").unused == {"drift", "limit"}
     assert RuleSettings(kind="cusum").unused == {"consecutive"}
+    assert RuleSettings(kind="either").unused == set()
 
 
 def test_log_odds_of_a_sample_are_limited() -> None:
@@ -46,7 +47,7 @@ def test_log_odds_of_a_sample_are_limited() -> None:
 
 
 def test_every_rule_restarts_the_count_of_quiet_samples_when_interrupted() -> None:
-    for kind in ["consecutive", "cusum"]:
+    for kind in ["consecutive", "cusum", "either"]:
         for fusion in ["any", "mean"]:
             settings = RuleSettings(kind=kind, fusion=fusion, threshold=0.7, release=2)  # type: ignore[arg-type]
             r = DecisionRule(settings, 3)
@@ -136,6 +137,18 @@ def test_cusum_registers_high_probabilities_sooner() -> None:
         assert (registered.index(True) if any(registered) else None) == expected
 
 
+def test_either_registers_what_the_count_or_the_sum_registers() -> None:
+    settings = {"threshold": 0.7, "drift": -1.5, "limit": 30.0, "quiet": 0.3, "release": 5}
+    for p, count, total in ((0.9, 1, 8), (0.6, None, 15), (0.35, None, 34), (0.25, None, None)):
+        found = []
+        for kind in ("consecutive", "cusum", "either"):
+            r = DecisionRule(RuleSettings(kind=kind, **settings), 1)  # type: ignore[arg-type]
+            registered = [r.update([p])[0] for _ in range(100)]
+            found.append(registered.index(True) if any(registered) else None)
+        first = min((at for at in (count, total) if at is not None), default=None)
+        assert found == [count, total, first], p
+
+
 def test_mean_of_the_fingers_decides_and_the_most_probable_finger_registers() -> None:
     r = DecisionRule(RuleSettings(fusion="mean", consecutive=1), 3)
     assert r.update([0.9, 0.2, 0.2]) == [False, False, False]
@@ -145,7 +158,8 @@ def test_mean_of_the_fingers_decides_and_the_most_probable_finger_registers() ->
 
 @given(
     seed=st.integers(0, 10_000), fingers=st.integers(1, 3), release=st.integers(1, 4),
-    kind=st.sampled_from(["consecutive", "cusum"]), fusion=st.sampled_from(["any", "mean"]),
+    kind=st.sampled_from(["consecutive", "cusum", "either"]),
+    fusion=st.sampled_from(["any", "mean"]),
     limit=st.floats(0.5, 8.0), quiet=st.sampled_from([0.0, 0.2, 0.6, 0.9]),
 )  # fmt: skip
 def test_events_of_a_whole_stream_equal_those_sample_by_sample(
@@ -167,7 +181,7 @@ def test_events_of_a_whole_stream_equal_those_sample_by_sample(
 
 
 def test_nan_of_one_finger_does_not_block_detection_on_the_others() -> None:
-    for kind in ["consecutive", "cusum"]:
+    for kind in ["consecutive", "cusum", "either"]:
         for fusion in ["any", "mean"]:
             for never in [np.nan, 0.5]:
                 made = DecisionRule(RuleSettings(kind=kind, fusion=fusion), 3)  # type: ignore[arg-type]

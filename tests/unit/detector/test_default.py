@@ -13,7 +13,14 @@ DEFAULT = load_config("can", "simulated")
 # `make results`, and write them here.
 RULES = {
     "tcn": RuleSettings(
-        kind="consecutive", fusion="mean", consecutive=2, threshold=0.7, quiet=0.3, release=5
+        kind="either",
+        fusion="mean",
+        consecutive=2,
+        threshold=0.7,
+        drift=-1.5,
+        limit=30.0,
+        quiet=0.2,
+        release=5,
     ),
     "gru": RuleSettings(
         kind="consecutive", fusion="mean", consecutive=2, threshold=0.65, quiet=0.15, release=5

@@ -13,6 +13,7 @@ from grasp.control.commands import (
     StopArm,
 )
 from grasp.control.controller_settings import ControllerSettings
+from grasp.control.fault import lines
 from grasp.control.monitors.checks import failed
 from grasp.control.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, observation
@@ -70,7 +71,7 @@ def test_object_wider_than_stated_ends_the_run_before_the_thumb_presses_it() -> 
     stopped = (Detection.AT_TARGET, Detection.CONTACT_CLOSING, Detection.AT_TARGET)
     d.step(gripper=d.hand(positions=(0, 33, 40), requested=(0, 40, 40), detections=stopped))
     assert d.controller.state is State.FAULT
-    assert "finger B stopped on contact" in d.controller.fault_cause
+    assert "finger B stopped on contact" in lines(d.controller.faults)
     pushed = Driver()
     pushed.until(State.BRACE)
     moving = pushed.hand(detections=MOVING)
@@ -79,7 +80,7 @@ def test_object_wider_than_stated_ends_the_run_before_the_thumb_presses_it() -> 
         assert pushed.controller.step(now).state is State.BRACE
     wide = observation(pushed.t_ns, estimated_n=(0.3, 0.1, 0.3), gripper=moving)
     assert pushed.controller.step(wide).commands == (StopArm(1.0), HoldFingers())
-    assert "wider" in pushed.controller.fault_cause
+    assert "wider" in lines(pushed.controller.faults)
     assert "grip_counts" in pushed.controller.faults[0].remedy
 
 
@@ -108,7 +109,7 @@ def test_finger_latched_by_contact_in_the_grasp_is_a_fault_and_nothing_is_lifted
     d.commands.clear()
     d.step(gripper=d.hand(detections=LATCHED))
     assert d.controller.state is State.FAULT
-    assert "finger A" in d.controller.fault_cause
+    assert "finger A" in lines(d.controller.faults)
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
@@ -143,7 +144,7 @@ def test_thumb_that_meets_no_object_in_a_firm_grip_is_a_fault_before_the_lift() 
     d.commands.clear()
     d.step(gripper=d.hand(positions=(255, 55, 55), detections=RESTING))
     assert d.controller.state is State.FAULT
-    assert "met no object" in d.controller.fault_cause
+    assert "met no object" in lines(d.controller.faults)
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
@@ -188,7 +189,7 @@ def test_force_that_stays_above_the_limit_while_the_arm_moves_is_a_fault() -> No
     for _ in range(5):
         d.step(overloaded=True, arm=arm(d.t_ns + TICK, 0.1, moving=True))
     assert d.controller.state is State.FAULT
-    assert "force" in d.controller.fault_cause
+    assert "force" in lines(d.controller.faults)
 
 
 def test_force_above_the_limit_is_no_fault_while_the_arm_is_at_rest() -> None:
@@ -206,7 +207,7 @@ def test_missing_contact_is_a_fault_before_the_lift() -> None:
     for _ in range(80):
         d.step(estimated_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.FAULT
-    assert "no contact" in d.controller.fault_cause
+    assert "no contact" in lines(d.controller.faults)
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
@@ -236,7 +237,7 @@ def test_finger_that_stays_without_load_is_a_fault_before_the_lift(
     d = Driver(**settings)  # type: ignore[arg-type]
     d.until(State.FAULT, estimated_n=estimated_n)
     cause = f"finger C bears nothing: its fingertip shows 0.02 N after {counts} more counts; "
-    assert d.controller.fault_cause.startswith(cause)
+    assert lines(d.controller.faults).startswith(cause)
     assert "grip_counts" in d.controller.faults[0].remedy
     assert d.requested == (55, 55, 55 + counts)
     assert not any(isinstance(c, MoveArm | OpenFingers) for c in d.commands)
@@ -251,8 +252,8 @@ def test_hand_stops_closing_on_a_fingertip_that_shows_nothing_while_the_thumb_fe
         if d.step(estimated_n=estimated_n).state is State.FAULT:
             break
     assert sum(d.requested) - 3 * 55 == 2
-    assert "finger C bears nothing" in d.controller.fault_cause
-    assert "the fingertip may be dead" in d.controller.fault_cause
+    assert "finger C bears nothing" in lines(d.controller.faults)
+    assert "the fingertip may be dead" in lines(d.controller.faults)
 
 
 def test_weak_grip_and_grip_with_implausible_fingertips_are_lifted_as_they_are() -> None:
@@ -281,7 +282,7 @@ def test_gripper_that_already_holds_an_object_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, detections=LATCHED))
     assert d.controller.state is State.FAULT
-    assert d.controller.fault_cause == "the hand is closed and may hold an object"
+    assert lines(d.controller.faults) == "the hand is closed and may hold an object"
     assert d.commands == [StopArm(1.0)]
 
 
@@ -289,7 +290,7 @@ def test_hand_that_may_hold_an_object_by_position_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, positions=(55, 55, 55)))
     assert d.controller.state is State.FAULT
-    assert "not open" in d.controller.fault_cause
+    assert "not open" in lines(d.controller.faults)
     assert d.commands == [StopArm(1.0)]
 
 
@@ -299,7 +300,7 @@ def test_arm_does_not_retreat_if_the_fingers_are_not_open(says: Detection) -> No
     d.commands.clear()
     d.step(gripper=d.hand(positions=(55, 55, 55), detections=(says,) * 3))
     assert d.controller.state is State.FAULT
-    assert "not open" in d.controller.fault_cause
+    assert "not open" in lines(d.controller.faults)
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
@@ -308,7 +309,7 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     d.until(State.BRACE)
     for _ in range(110):
         d.step(gripper=d.hand(detections=MOVING))
-    cause = d.controller.fault_cause
+    cause = lines(d.controller.faults)
     assert cause == "phase grasp.brace lasted longer than 1 s: the fingers still move"
 
 
@@ -354,7 +355,7 @@ def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: State) -> None:
     for _ in range(110):
         d.step(arm=arm(d.t_ns + TICK, 0.03, moving=True))
     assert d.controller.state is State.FAULT
-    cause = d.controller.fault_cause
+    cause = lines(d.controller.faults)
     assert cause == f"phase {phase} lasted longer than 1 s: the arm has not arrived"
 
 
@@ -363,6 +364,6 @@ def test_missing_rest_counts_are_a_fault_of_the_fingertips() -> None:
     d.until(State.TARE)
     for _ in range(110):
         d.step(rest_taken=False)
-    assert d.controller.fault_cause == (
+    assert lines(d.controller.faults) == (
         "fingertips_slow: too few samples for rest counts within 1 s"
     )

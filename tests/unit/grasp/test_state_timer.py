@@ -7,6 +7,7 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.control.commands import HoldFingers, MoveArm, StopArm
+from grasp.control.fault import lines
 from grasp.control.state_timer import HALTED_NS, LEAST_PACE
 from grasp.control.states import State
 from tests.unit.grasp.builders import arm
@@ -40,7 +41,7 @@ def test_lowering_time_out_scales_with_the_arm_speed(fraction: float, factor: fl
     d = going_down(phase_timeout_s=1.0)
     lasted_s = seconds_in(d, State.DESCEND, fraction, 0.1)
     assert lasted_s == pytest.approx(factor, abs=0.011)
-    assert "phase lower.descend lasted longer" in d.controller.fault_cause
+    assert "phase lower.descend lasted longer" in lines(d.controller.faults)
     assert d.controller.arm_delay_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
 
 
@@ -62,7 +63,7 @@ def test_no_lift_with_a_speed_slider_below_half(phase: State) -> None:
     d.commands.clear()
     d.step(arm=slow(d, 0.49, 0.0, moving=phase is State.LIFT))
     assert d.controller.state is State.FAULT
-    assert d.controller.fault_cause == (
+    assert lines(d.controller.faults) == (
         "the arm's speed slider is at 49 %; a lift needs at least 50 %"
     )
     assert isinstance(d.commands[0], StopArm)
@@ -75,5 +76,6 @@ def test_arm_halted_by_its_slider_while_lowering_is_a_fault() -> None:
     lasted_s = seconds_in(d, State.DESCEND, 0.9 * LEAST_PACE, 0.1)
     assert lasted_s == pytest.approx(HALTED_NS * 1e-9, abs=0.011)
     assert (
-        d.controller.fault_cause == "the arm's speed slider is at 4.5 %, so its motion does not end"
+        lines(d.controller.faults)
+        == "the arm's speed slider is at 4.5 %, so its motion does not end"
     )

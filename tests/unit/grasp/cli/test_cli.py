@@ -142,10 +142,11 @@ def test_settings_are_printed_with_their_source(
 ) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
-    words = ("config", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
+    words = ("config", "rule", "--detector", "gru", "--config", str(mine))
+    words += ("--set", "rule.threshold=0.8")
     output = call(*words, capsys=capsys)[1].splitlines()
     ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in output if " = " in line}
-    assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"
+    assert ends["fusion"] == f"from {Path('detectors') / 'gru.toml'}"
     assert ends["release"] == f"from {mine}"
     assert ends["threshold"] == "from --set"
     assert ends["drift"] == "default"

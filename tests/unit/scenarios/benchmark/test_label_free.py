@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector.decision import log_odds
 from detector.recordings import write
 from grasp.cli.main import main
 from tests.unit.detector.toy_recordings import toy
@@ -57,3 +58,14 @@ def test_calibrated_threshold_is_not_below_the_configured_one(
     text = capsys.readouterr().out
     assert re.search(r"load_counts +108\d", text) and "is kept" in text
     assert tomllib.loads(text)["rule"]["threshold"] == 0.5
+
+
+def test_drift_of_a_sum_rises_with_the_calibrated_threshold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hold = write_hold(tmp_path / "noisy.npz", 20.0)
+    words = ["--set", "rule.kind=either", "--set", "rule.drift=-1.5"]
+    assert main(["detector", "tune", "energy", "--unlabelled", str(hold), *words]) == 0
+    rule = tomllib.loads(capsys.readouterr().out)["rule"]
+    risen = log_odds(np.array([rule["threshold"]]))[0]
+    assert risen > 0.1 and rule["drift"] == pytest.approx(-1.5 + risen, abs=1e-3)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from grasp.control.fault import lines
 from grasp.control.states import LOWERING_STATES, State
 from tests.unit.scenarios.conftest import Staged, in_phase, well_in
 from tests.unit.scenarios.lift.device_faults import Act, cell
@@ -25,7 +26,7 @@ def test_lift_continues_more_slowly_above_one_half() -> None:
     for phase, fraction in ((State.LIFT, 0.5), (State.BRACE, 0.9)):
         staged = Staged()
         trial = staged.run(well_in(phase), turn_to(fraction))
-        assert trial.controller.state is State.SET_DOWN, trial.controller.fault_cause
+        assert trial.controller.state is State.SET_DOWN, lines(trial.controller.faults)
         assert staged.result(trial).success
         assert seconds(staged) > seconds(plain)
         assert {tick.arm.speed_fraction for tick in staged.ticks} == {1.0, fraction}

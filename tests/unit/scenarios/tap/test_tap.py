@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from grasp.control.fault import lines
 from grasp.control.states import State
 from grasp.run.loop import Issued, Tick
 from scenarios.campaign.config import load_config
@@ -106,7 +107,7 @@ def test_long_push_with_a_measured_force_above_the_limit_sends_no_command() -> N
     assert all(not tick.issued for tick in after)
     positions = {tick.gripper.positions for tick in after}
     assert len(positions) == 1
-    assert not trial.controller.fault_cause
+    assert not lines(trial.controller.faults)
 
 
 def test_replay_of_a_recorded_tap_has_no_differences(tmp_path: Path) -> None:
