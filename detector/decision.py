@@ -10,6 +10,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 MAX_LOG_ODDS = 7.0  # an error in a thousand samples: no detector is calibrated beyond that
+MAX_LIMIT = 200.0
 MIN_PROBABILITY = 1.0 / (1.0 + math.exp(MAX_LOG_ODDS))
 UNUSED = {"consecutive": {"drift", "limit"}, "cusum": {"consecutive"}, "either": set[str]()}
 
@@ -32,10 +33,11 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts as slip")
     ] = 0.5  # the class border of the paper's two-way softmax
     drift: Annotated[
-        float, Meta(ge=-5.0, le=20.0, description="sum: log-odds subtracted from every sample's")
+        float,
+        Meta(ge=-5.0, le=5.0, description="sum: subtracted from the log-odds of every sample"),
     ] = 0.0
     limit: Annotated[
-        float, Meta(gt=0.0, le=200.0, description="sum: log-odds that register slip")
+        float, Meta(gt=0.0, le=MAX_LIMIT, description="sum: total that registers slip")
     ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
         int,
@@ -133,7 +135,7 @@ def _log_odds(probability: float) -> float:
 
 
 def _mean_probability(probabilities: list[float]) -> float:
-    """`mean_probability` of one sample."""
+    """`fused` of one sample, by the mean log-odds."""
     odds = sum(map(_log_odds, probabilities)) / len(probabilities)
     return 1.0 / (1.0 + math.exp(-odds))
 
@@ -146,13 +148,6 @@ def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     return odds
 
 
-def mean_probability(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Probability (n, 1) of the mean log-odds of (n, fingers)."""
-    odds = log_odds(probabilities).mean(axis=1, keepdims=True)
-    fused: NDArray[np.float64] = 1.0 / (1.0 + np.exp(-odds))
-    return fused
-
-
 def registered_events(
     probabilities: NDArray[np.float64], settings: RuleSettings
 ) -> NDArray[np.intp]:
@@ -163,7 +158,11 @@ def registered_events(
 
 def fused(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
     """Probabilities that the rule compares: (n, fingers), or (n, 1) for the mean log-odds."""
-    return mean_probability(probabilities) if settings.fusion == "mean" else probabilities
+    if settings.fusion != "mean":
+        return probabilities
+    odds = log_odds(probabilities).mean(axis=1, keepdims=True)
+    mean: NDArray[np.float64] = 1.0 / (1.0 + np.exp(-odds))
+    return mean
 
 
 def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.intp]:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import MAX_LOG_ODDS, RuleSettings, cusum, log_odds, mean_probability
+from detector.decision import MAX_LIMIT, MAX_LOG_ODDS, RuleSettings, cusum, fused, log_odds
 from detector.energy import SAMPLES_PER_MIN
 from detector.scores.figures import HIGH, LOW
 from detector.scores.metrics import Floats
@@ -59,7 +59,7 @@ def find_hold(counts: NDArray[np.int16]) -> tuple[slice, float]:
 def decision_values(probabilities: Floats, rule: RuleSettings) -> Floats:
     """Value (n,) that the rule compares with its threshold, maximum over the fingers: the minimum
     log-odds of consecutive samples, or their sum."""
-    p = mean_probability(probabilities) if rule.fusion == "mean" else probabilities
+    p = fused(probabilities, rule)
     if rule.kind == "cusum":
         values = cusum(p, rule)
     elif len(p) < rule.consecutive:
@@ -100,9 +100,9 @@ def calibrate_rule(
         )
     level = tail_level(maxima, budget_per_min)
     interval = _interval(maxima, budget_per_min)
-    if rule.kind == "cusum":
+    if rule.kind == "cusum" and level <= MAX_LIMIT:
         tuned = msgspec.structs.replace(rule, limit=max(level, 0.01))
-    elif level < MAX_LOG_ODDS:
+    elif rule.kind != "cusum" and level < MAX_LOG_ODDS:
         tuned = msgspec.structs.replace(rule, threshold=1.0 / (1.0 + math.exp(-level)))
     else:
         raise UsageError(

@@ -52,12 +52,13 @@ class SweepPoint(msgspec.Struct, frozen=True):
 
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:
-    """All rules of the sweep, of both kinds and both fusions."""
+    """All rules of the sweep: counts, beside the sum of a base of kind ``either``, and sums."""
+    counts: Literal["consecutive", "either"] = "either" if base.kind == "either" else "consecutive"
     for fusion, release in itertools.product(FUSIONS, RELEASES):
         shared = msgspec.structs.replace(base, fusion=fusion, release=release)
         for k, odds in itertools.product(CONSECUTIVE, LOG_ODDS):
             yield msgspec.structs.replace(
-                shared, kind="consecutive", consecutive=k, threshold=_logistic(float(odds))
+                shared, kind=counts, consecutive=k, threshold=_logistic(float(odds))
             )
         for drift, limit in itertools.product(DRIFTS, LIMITS):
             yield msgspec.structs.replace(
@@ -120,7 +121,7 @@ def thresholds_at_budget(points: Iterable[SweepPoint], budget_per_min: float) ->
         return (p.rule.fusion, p.rule.release, p.rule.consecutive)
 
     refined = []
-    consecutive = [p for p in points if p.rule.kind == "consecutive"]
+    consecutive = [p for p in points if p.rule.kind != "cusum"]
     consecutive.sort(key=lambda p: (*family(p), p.rule.threshold))
     for _, group in itertools.groupby(consecutive, key=family):
         for below, above in itertools.pairwise(group):

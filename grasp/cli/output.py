@@ -63,7 +63,7 @@ def listing(result: "msgspec.Struct | JsonObject") -> str:
     for name, value in fields.items():
         if value is not None:
             low_high = f" [{_text(intervals[name])}]" if name in intervals else ""
-            lines.append(f"  {name:<30}{_text(msgspec.to_builtins(value))}{low_high}")
+            lines.append(f"  {name:<29} {_text(msgspec.to_builtins(value))}{low_high}")
     return "\n".join(lines)
 
 

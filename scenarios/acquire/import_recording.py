@@ -153,11 +153,12 @@ def read_foreign(path: Path) -> Table:
     """Read a table with or without a header; a cell that holds a list becomes one column for each
     of its values. Raises BadFile."""
     text = read_table(path, empty_rows=True)
-    commas = [cell for row in text.rows for cell in row if DECIMAL_COMMA.fullmatch(cell)]
-    if commas:
-        if all(map(THOUSANDS.fullmatch, commas)):
-            meant = f"{commas[0].replace(',', '')} or {commas[0].replace(',', '.')}"
-            raise BadFile(path, f"{commas[0]} may mean {meant}", "write one of these")
+    if commas := text.decimal_comma():
+        every = (cell for row in text.rows for cell in row if DECIMAL_COMMA.fullmatch(cell))
+        if all(map(THOUSANDS.fullmatch, every)):
+            one, line = commas
+            meant = f"{one.replace(',', '')} or {one.replace(',', '.')}"
+            raise BadFile(path, f"{one} may mean {meant}", "write one of these", line)
         points = [[x.replace(",", ".") if DECIMAL_COMMA.fullmatch(x) else x for x in row]
                   for row in text.rows]  # fmt: skip
         text = msgspec.structs.replace(text, rows=points)

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import log_odds
+from detector.decision import RuleSettings
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import stream
 from detector.scores.label_free import MARGIN_SAMPLES, CalibratedRule, calibrate_rule, find_hold
@@ -41,31 +41,31 @@ def read_hold(path: Path) -> tuple[Counts, slice, float]:
         elif topic == CONTROL and isinstance(message, ControlMessage) and latest is not None:
             rows.append(latest)
             phases.append(message.phase)
-    counts = np.array(rows, np.int16).reshape(len(rows), FINGERS, -1)
     holding = np.flatnonzero([phase == State.HOLD for phase in phases])
-    _, load = find_hold(counts)
     if not len(holding):
         raise UsageError(f"{path} has no hold", "give a lift, with a long controller.hold_s")
+    counts = np.array(rows, np.int16).reshape(len(rows), FINGERS, -1)
+    _, load = find_hold(counts)
     return counts, slice(int(holding[0]) + MARGIN_SAMPLES, int(holding[-1])), load
 
 
 def tune_without_labels(
     config: TrialConfig, recorded: Iterable[tuple[Counts, slice, float]], budget_per_min: float
 ) -> CalibratedRule:
-    """Calibrate the configured rule on results of ``read_hold``. The threshold is never below the
-    configured one, because a hold has no closing, no lifting and no taps. The drift rises with it.
-    """
+    """Calibrate the configured rule on results of ``read_hold``. The level is never below the
+    configured one, because a hold has no closing, no lifting and no taps."""
     holds, loads = [], []
     for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])
         holds.append(stream(detector, counts)[0][hold])
         loads.append(load)
-    configured = config.rule
-    calibrated = calibrate_rule(holds, configured, budget_per_min, min(loads))
-    threshold = max(configured.threshold, calibrated.rule.threshold)
-    low, high = log_odds(np.array([configured.threshold, threshold]))
-    higher = msgspec.structs.replace(
-        configured, threshold=threshold, drift=configured.drift + float(high - low),
-        limit=max(configured.limit, calibrated.rule.limit),
-    )  # fmt: skip
-    return msgspec.structs.replace(calibrated, rule=higher)
+
+    def calibrated(rule: RuleSettings) -> CalibratedRule:
+        return calibrate_rule(holds, rule, budget_per_min, min(loads))
+
+    configured, replace = config.rule, msgspec.structs.replace
+    found = calibrated(configured)
+    total = found if configured.kind != "either" else calibrated(replace(configured, kind="cusum"))
+    threshold = max(configured.threshold, found.rule.threshold)
+    rule = replace(configured, threshold=threshold, limit=max(configured.limit, total.rule.limit))
+    return replace(found, rule=rule)

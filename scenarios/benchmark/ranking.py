@@ -33,7 +33,7 @@ def ranked(file: ScoreFile) -> list[Row]:
 def _note(each: DetectorScores, p: Point) -> str:
     if p is not each.best:
         return OWN
-    note = f"{BEST} {p.threshold:.3g}"
+    note = f"{BEST} {p.threshold:.4g}"
     if p == each.point:
         note = f"{OWN} and {note}"
     rate = p.false_per_min.value or 0.0

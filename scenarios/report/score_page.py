@@ -90,7 +90,7 @@ def sentence(file: ScoreFile) -> str:
     text = f"{first.name}: score {percent(first.point.score)} {between(first.point.score)}"
     if second is None:
         return f"{text}."
-    by = f"{percent(second.behind)} {between(second.behind, digits=1)}"
+    by = f"{percent(second.behind)} {between(second.behind)}"
     if not resolved(second.behind):
         return f"{text}. Not told apart from it: {second.name}, {by} behind."
     return f"Best of {len(file.detectors)} detectors: {text}. {second.name} is {by} behind."
@@ -189,7 +189,7 @@ def results_table(file: ScoreFile, costs: dict[str, float]) -> Table:
     for i, each in enumerate(ranked(file), 1):
         of = each.of
         areas = (of.figures.get("auc", NONE), *(of.real.get(name, NONE) for name in real))
-        behind = Cell(percent(each.behind), between(each.behind, digits=1))
+        behind = Cell(percent(each.behind), between(each.behind))
         update = f"{costs[of.detector]:.0f}" if of.detector in costs else "–"
         texts = [update, *(number(area, 3) for area in areas)]
         rows.append([Cell(f"{i}. {of.detector}", each.note), *row(each.point, behind, *texts)])
@@ -235,7 +235,7 @@ def _values(name: str, digits: int = 1) -> Callable[[DetectorScores], Cell]:
 def _delays(name: str) -> Callable[[DetectorScores], Cell]:
     def cell(each: DetectorScores) -> Cell:
         f = each.figures.get(name, NONE)
-        return Cell(ms(f.value), between(f, 1.0))
+        return Cell(ms(f.value), between(f, 1.0, 0))
 
     return cell
 
@@ -307,7 +307,7 @@ def number(f: Figure, digits: int = 1) -> str:
     return "–" if f.value is None else f"{f.value:z.{digits}f}"
 
 
-def between(f: Figure, scale: float = 100.0, digits: int = 0) -> str:
+def between(f: Figure, scale: float = 100.0, digits: int = 1) -> str:
     """The interval in brackets, or nothing; by default that of a share, in per cent."""
     if f.low is None or f.high is None:
         return ""

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.decision import log_odds
 from detector.recordings import write
 from grasp.cli.main import main
 from tests.unit.detector.toy_recordings import toy
@@ -60,12 +59,20 @@ def test_calibrated_threshold_is_not_below_the_configured_one(
     assert tomllib.loads(text)["rule"]["threshold"] == 0.5
 
 
-def test_drift_of_a_sum_rises_with_the_calibrated_threshold(
+def test_count_and_sum_of_a_rule_are_both_calibrated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     hold = write_hold(tmp_path / "noisy.npz", 20.0)
-    words = ["--set", "rule.kind=either", "--set", "rule.drift=-1.5"]
-    assert main(["detector", "tune", "energy", "--unlabelled", str(hold), *words]) == 0
-    rule = tomllib.loads(capsys.readouterr().out)["rule"]
-    risen = log_odds(np.array([rule["threshold"]]))[0]
-    assert risen > 0.1 and rule["drift"] == pytest.approx(-1.5 + risen, abs=1e-3)
+    words = ["detector", "tune", "energy", "--unlabelled", str(hold)]
+    found = []
+    for kind in ("consecutive", "cusum", "either"):
+        given = [f"rule.kind={kind}"]
+        given += ["rule.drift=2", "rule.limit=0.1"] if kind != "consecutive" else []
+        assert main([*words, *(word for each in given for word in ("--set", each))]) == 0
+        found.append(tomllib.loads(capsys.readouterr().out)["rule"])
+    count, total, both = found
+    assert (both["threshold"], both["limit"]) == (count["threshold"], total["limit"])
+    assert both["limit"] > 0.2
+    words += ["--set", "rule.kind=either", "--set", "rule.drift=-5"]
+    assert main(words) == 2  # at rest the sum rises without end
+    assert "classifies the hold without slip as slip" in capsys.readouterr().err
