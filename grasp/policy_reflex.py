@@ -375,7 +375,7 @@ def _checked(*states_and_time: object) -> tuple[GripperState, ArmState, int]:
     try:
         plain = msgspec.msgpack.encode(states_and_time, enc_hook=lambda value: value.tolist())
         return msgspec.msgpack.decode(plain, type=tuple[GripperState, ArmState, Nanoseconds])
-    except (AttributeError, OverflowError, TypeError, msgspec.MsgspecError) as error:
+    except Exception as error:  # a foreign value may raise anything
         text = str(error).replace("$[0]", "gripper").replace("$[1]", "arm").replace("$[2]", "time")
         raise UsageError(text, "give a GripperState, an ArmState, integer nanoseconds") from None
 

@@ -17,9 +17,9 @@ RULES = {
         fusion="mean",
         consecutive=2,
         threshold=0.7,
-        drift=-1.5,
-        limit=30.0,
-        quiet=0.2,
+        drift=-0.85,
+        limit=20.0,
+        quiet=0.3,
         release=5,
     ),
     "gru": RuleSettings(

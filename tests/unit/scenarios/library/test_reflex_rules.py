@@ -318,6 +318,7 @@ def test_counts_that_are_none_are_refused(empty: Scene, wrong: NDArray[Any], pro
         ({"t_ns": 0.5}, "got `float` - at `time`"),
         ({"t_ns": 2**63}, "at `time`"),
         ({"gripper": msgspec.structs.replace(gripper(), took_ns=10**400)}, "serialize ints"),
+        ({"gripper": msgspec.structs.replace(gripper(), fault_text="\ud800")}, "surrogates"),
         ({"t_ns": -1}, "the time went back"),
     ],
 )
