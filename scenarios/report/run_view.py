@@ -88,7 +88,7 @@ def in_words(settings: RuleSettings) -> str:
         one, odds = f"the probability by {mean}", mean
     row = "one sample" if settings.consecutive == 1 else f"{settings.consecutive} samples in a row"
     count = f"{one} stays above {settings.threshold:g} for {row}"
-    total = f"the sum of {odds}, less {settings.drift:g} a sample, passes {settings.limit:g}"
+    total = f"the sum of {odds}, {0.0 - settings.drift:+g} a sample, passes {settings.limit:g}"
     when = {"consecutive": count, "cusum": total, "either": f"{count}, or {total}"}[settings.kind]
     quiet = f"{settings.quiet_at:g}" if settings.quiet or settings.kind == "cusum" else "it"
     return f"slip is registered when {when}, and ends after {settings.release} below {quiet}"
