@@ -143,7 +143,10 @@ def test_kind_of_a_file_is_found_from_its_content(
         ('rig = "lab"\n', "unknown rig 'lab'"),
         ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
         ('[rule]\nkind = "cusum"\nconsecutive = 2\n', "rule.consecutive: is not read"),
-        ("[rule]\nlimit = 9.0\n", "is not read by a rule of kind consecutive and fusion mean"),
+        (
+            '[rule]\nkind = "consecutive"\nlimit = 9.0\n',
+            "is not read by a rule of kind consecutive and fusion mean",
+        ),
         ("[controller]\nmargin_steps = 2\n", "controller.margin_steps"),
     ],
 )
