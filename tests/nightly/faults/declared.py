@@ -62,6 +62,11 @@ DECLARED = (
         lasting=False,
     )] if FIRST_GRASP == "touch" else []),
     Declared(
+        "beside a second wrong fingertip, a thumb that reads too high bounds the safe closing",
+        r"fingertips finger A sticks high", AIR, frozenset({"hand"}), r"fingertip_dead",
+        lasting=False,
+    ),
+    Declared(
         "an object that slips with the force of the first grasp cannot be held without a closing",
         r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),
