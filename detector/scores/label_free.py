@@ -107,7 +107,7 @@ def calibrate_rule(
     else:
         raise UsageError(
             "this detector classifies the hold without slip as slip",
-            "allow more false alarms with --budget, or require more consecutive samples",
+            "allow more false alarms with --budget, or set more consecutive samples or drift",
         )
     minutes = len(maxima) * BLOCK / SAMPLES_PER_MIN
     return CalibratedRule(tuned, level, interval, minutes, load_counts)

@@ -6,7 +6,7 @@ import pytest
 
 from detector.decision import DecisionRule, RuleSettings
 from grasp.control.slip_monitor import SlipMonitor, SlipSettings
-from scenarios.report.run_view import decided
+from scenarios.report.run_view import decided, in_words
 
 CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)
 SAMPLES, PERIOD_NS = 3000, 10_000_000
@@ -43,3 +43,11 @@ def test_summed_log_odds_exceed_the_limit_where_slip_is_registered(fusion: str, 
     assert event.sum() > 5
     assert above[event].all()
     assert registered[above].all()
+
+
+def test_a_rule_of_count_and_sum_says_both_conditions_and_the_end() -> None:
+    rule = RuleSettings(kind="either", threshold=0.7, drift=-0.85, limit=20.0, quiet=0.3, release=5)
+    assert in_words(rule) == (
+        "slip is registered when a finger stays above 0.7 for 2 samples in a row, or the sum of "
+        "the log-odds of a finger, +0.85 a sample, passes 20, and ends after 5 below 0.3"
+    )
