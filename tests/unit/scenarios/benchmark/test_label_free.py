@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 
 from detector.recordings import write
+from drivers.errors import UsageError
 from grasp.cli.main import main
+from scenarios.benchmark.label_free import read_hold
+from scenarios.campaign.config import load_config
+from scenarios.lift.lift import lift
 from tests.unit.detector.toy_recordings import toy
 
 
@@ -76,3 +80,11 @@ def test_count_and_sum_of_a_rule_are_both_calibrated(
     words += ["--set", "rule.kind=either", "--set", "rule.drift=-5"]
     assert main(words) == 2  # at rest the sum rises without end
     assert "classifies the hold without slip as slip" in capsys.readouterr().err
+
+
+def test_a_run_that_ended_before_its_first_frame_has_no_hold(tmp_path: Path) -> None:
+    noisy = load_config("can", "simulated", assignments=["fingertip.noise_counts=1.5"]).for_lift()
+    lift.run(noisy, 0, tmp_path)
+    (recording,) = tmp_path.glob("*/recording.mcap")
+    with pytest.raises(UsageError, match="has no hold"):
+        read_hold(recording)
